@@ -1,1 +1,2 @@
-"""The ground floor: errors, checks, files, memory, processes, ADC cubes in memory and on disk; it imports nothing of the rest."""
+"""Base of the package, which imports nothing else of it: errors, checks, files, memory, processes, ADC cubes in memory and on
+disk."""

@@ -27,14 +27,14 @@ from pathlib import Path
 from t2d_rt.core.errors import InputError
 
 WAIT_S = 60.0
-"""How long to wait for the lock of a folder [s], which others hold for moments only."""
+"""Longest wait for the lock of a folder [s]; others hold it only briefly."""
 REMOVAL_TRIES, PAUSE_S = 40, 0.05
-"""Threads that still write may put files into a folder while it is removed."""
+"""Number of tries, and pause between them [s], to remove a folder into which threads may still be writing files."""
 
 
 @dataclass(slots=True)
 class _Work:
-    """What this process is making for a target."""
+    """What this process is writing for one target."""
 
     folder: Path
     target: Path
@@ -42,9 +42,9 @@ class _Work:
 
 
 _WORKING: list[_Work] = []
-"""What this process is making now, for `abandon`."""
+"""Everything that this process is writing now, for `abandon`."""
 LOCKS: set[Path] = set()
-"""Files by which this process holds folders that fill up with finished parts; for `abandon`, too."""
+"""Lock files of the folders that this process fills with finished parts; also for `abandon`."""
 
 
 @contextmanager
@@ -81,13 +81,13 @@ def replacing(target: Path, check: Callable[[], None]) -> Iterator[Path]:
 
 
 def abandon() -> list[Path]:
-    """Tidies up for a process that is to end at once; gives the targets that had been written when this came."""
+    """Cleans up in a process that is about to end; returns the targets that had been written completely by then."""
     for work in _WORKING:
         with suppress(OSError):
             _restore(work.folder, work.target)
             _complete(work.folder, work.target)
             _remove(work.folder)
-            time.sleep(PAUSE_S)  # a thread that still wrote may have made it again
+            time.sleep(PAUSE_S)  # a thread that was still writing may have created it again
             _remove(work.folder)
     for lock in LOCKS:
         lock.unlink(missing_ok=True)
@@ -95,7 +95,7 @@ def abandon() -> list[Path]:
 
 
 def check_place(path: Path, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite`, and folders that are not there or cannot be written to."""
+    """Refuses a path that exists, unless `overwrite`, or whose folder does not exist or cannot be written to."""
     folder = path.parent
     if not folder.is_dir():
         raise InputError(f"folder {folder} does not exist; create it first")
@@ -109,7 +109,7 @@ def check_place(path: Path, *, overwrite: bool) -> None:
 
 
 def check_file(path: Path, noun: str, *endings: str, overwrite: bool) -> None:
-    """Refuses a name for a file that has another ending, is taken, or cannot be written; `noun` is "a picture" or the like."""
+    """Refuses a file name that has another ending, exists, or cannot be written; `noun` is "a picture" or the like."""
     if path.suffix.lower() not in endings:
         *others, last = endings
         ends = f"{', '.join(others)} or {last}" if others else last
@@ -121,19 +121,19 @@ def check_file(path: Path, noun: str, *endings: str, overwrite: bool) -> None:
 
 @contextmanager
 def writing(path: Path, *, overwrite: bool) -> Iterator[Path]:
-    """A file to write that takes its place when it is whole."""
+    """Gives the path of a temporary file to write, which replaces `path` when the block ends without an error."""
     with replacing(path, partial(check_taken, path, overwrite=overwrite)) as new:
         yield new
 
 
 def check_taken(path: Path, *, overwrite: bool) -> None:
-    """Refuses what exists, unless `overwrite`."""
+    """Refuses a path that exists, unless `overwrite`."""
     if path.exists() and not overwrite:
         raise InputError(f"{path} exists already; choose another name or pass --overwrite (overwrite=True)")
 
 
 def settle(target: Path) -> None:
-    """Puts right what processes that died while they wrote `target` have left beside it."""
+    """Repairs what processes that died while they wrote `target` have left beside it."""
     if not _partials(target):
         return
     with _locked(target.parent):
@@ -141,7 +141,7 @@ def settle(target: Path) -> None:
             with _lock_of_the_dead(folder) as dead:
                 if dead:
                     _restore(folder, target)
-                    with suppress(OSError):  # the place beside may have become a folder meanwhile
+                    with suppress(OSError):  # the path beside may be a folder by now
                         _complete(folder, target)
                     _remove(folder)
 
@@ -156,14 +156,14 @@ def _check_again(check: Callable[[], None]) -> None:
 
 
 def _restore(folder: Path, target: Path) -> None:
-    """Puts the old back where the new has not reached its place."""
+    """Moves the old content back where the new content has not reached its place."""
     new, old = folder / "new" / target.name, folder / "old" / target.name
     if os.path.lexists(new) and os.path.lexists(old) and not os.path.lexists(target):
         old.rename(target)
 
 
 def _complete(folder: Path, target: Path) -> None:
-    """Lets follow what belongs beside the new where this has reached its place."""
+    """Moves the files that belong beside the new content to their places, once the content itself is in its place."""
     new = folder / "new"
     if os.path.lexists(target) and new.is_dir() and not os.path.lexists(new / target.name):
         for beside in new.iterdir():
@@ -176,8 +176,8 @@ def _own_folder(target: Path) -> Iterator[_Work]:
 
     folder = target.with_name(f".{target.name}.partial-{secrets.token_hex(4)}")
     work = _Work(folder, target)
-    with _locked(target.parent):  # others take a folder without a held lock for a dead process's
-        _WORKING.append(work)  # first: SIGTERM may come at any moment from here on
+    with _locked(target.parent):  # without a held lock other processes would take the folder for that of a dead process
+        _WORKING.append(work)  # first, as SIGTERM may come at any moment from here on
         try:
             folder.mkdir(0o700)
             try:
@@ -188,7 +188,7 @@ def _own_folder(target: Path) -> Iterator[_Work]:
         except BaseException:
             _WORKING.remove(work)
             raise
-        with suppress(OSError):  # a file system without locks
+        with suppress(OSError):  # the file system has no locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     try:
         (folder / "new").mkdir()
@@ -204,7 +204,7 @@ def _own_folder(target: Path) -> Iterator[_Work]:
 
 
 def _partials(target: Path) -> list[Path]:
-    """Folders of processes that write, or wrote, `target`. Never a link: it could lead anywhere."""
+    """Folders of processes that write, or wrote, `target`; never a link, which could lead anywhere."""
     pattern = re.compile(rf"\.{re.escape(target.name)}\.partial-[a-z0-9_]{{8}}")
     with os.scandir(target.parent) as entries:
         return [Path(e.path) for e in entries if pattern.fullmatch(e.name) and e.is_dir(follow_symlinks=False)]
@@ -212,15 +212,16 @@ def _partials(target: Path) -> list[Path]:
 
 @contextmanager
 def _lock_of_the_dead(folder: Path) -> Iterator[bool]:
-    """Whether no process holds the folder's lock, which is held meanwhile. Without one, whether it holds nothing foreign."""
+    """Holds the folder's lock and tells whether no other process holds it. If there is no lock file, tells whether the folder holds
+    only files of such processes."""
     import fcntl
 
     try:
         lock = os.open(folder / "lock", os.O_RDWR | os.O_NOFOLLOW)
-    except FileNotFoundError:  # killed before the lock was made, or a thread wrote on while all was removed
+    except FileNotFoundError:  # killed before it made the lock, or a thread wrote during the removal
         yield {entry.name for entry in folder.iterdir()} <= {"new", "old"}
         return
-    except OSError:  # another user's
+    except OSError:  # it belongs to another user
         yield False
         return
     try:
@@ -235,7 +236,7 @@ def _lock_of_the_dead(folder: Path) -> Iterator[bool]:
 
 
 def _remove(folder: Path) -> None:
-    # The lock goes last: without it the rest would not be known for what it is.
+    # The lock goes last: without it the folder would not be recognised as one of these.
     for part in (folder / "new", folder / "old", folder):
         for _ in range(REMOVAL_TRIES):
             shutil.rmtree(part, ignore_errors=True)
@@ -246,7 +247,7 @@ def _remove(folder: Path) -> None:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    """Holds the folder's own lock, which other processes and threads wait for."""
+    """Holds the folder's own lock; other processes and threads wait for it."""
     import fcntl
 
     place = os.open(folder, os.O_RDONLY)
@@ -254,7 +255,7 @@ def _locked(folder: Path) -> Iterator[None]:
         _wait_for(place, folder)
         yield
     finally:
-        with suppress(OSError):  # explicitly, since a process that was forked meanwhile holds it too
+        with suppress(OSError):  # explicitly, since a process forked in the meantime holds it, too
             fcntl.flock(place, fcntl.LOCK_UN)
         os.close(place)
 
@@ -268,7 +269,7 @@ def _wait_for(place: int, folder: Path) -> None:
             return fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             time.sleep(0.01)
-        except OSError:  # a file system without locks: names of their own keep writers apart all the same
+        except OSError:  # a file system without locks: unique names still keep writers apart
             return None
     raise InputError(
         f"another process has held the lock of {folder} for {WAIT_S:g} s; stop it, or choose another place"

@@ -1,4 +1,4 @@
-"""Where kernels run: Dr.Jit on LLVM (CPU) or CUDA (GPU), chosen when first used and never at import."""
+"""Selects where kernels run: Dr.Jit on LLVM (CPU) or CUDA (GPU), chosen at first use and never at import."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ P = ParamSpec("P")
 R = TypeVar("R")
 Item = TypeVar("Item")
 Device = Literal["auto", "cpu", "gpu"]
-"""Where to compute, as a user says it."""
+"""Device on which to compute, as users name it."""
 
 OLDEST_LLVM = 17
-"""LLVM 15 and 16 abort the process on CPUs with AVX-512 ("Cannot select ... fmaximum"), 14 is refused by Dr.Jit."""
+"""Oldest version of LLVM that works: 15 and 16 abort the process on CPUs with AVX-512 ("Cannot select ... fmaximum"), and Dr.Jit
+refuses 14."""
 
 ALIGNMENT = 64
-"""Bytes: that of Dr.Jit's own arrays."""
+"""Alignment of arrays [bytes], that of Dr.Jit's own."""
 
 _PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"
 _REMEDY = (
@@ -54,9 +55,9 @@ _LIBRARY_GLOBS = (
 
 YARDSTICK_SIZE, YARDSTICK_SINES, YARDSTICK_TRIES = 400_000, 20, 5
 YARDSTICK_KEPT_S = 60.0
-"""How long a measured yardstick serves [s]."""
+"""How long a measured duration of the reference computation is used [s]."""
 _yardsticks: dict[tuple[str, int], tuple[float, float]] = {}
-"""When the yardstick of a backend and a number of threads was measured, and what it was."""
+"""For a backend and a number of threads: when the reference computation was measured, and its duration [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,18 +66,19 @@ class Backend:
 
     name: Literal["llvm", "cuda"]
     arrays: Any
-    """The module the types come from, `drjit.llvm` or `drjit.cuda`."""
+    """The module of the array types, `drjit.llvm` or `drjit.cuda`."""
     UInt32: Any
     Float32: Any
     Float64: Any
 
     @property
     def mitsuba_variant(self) -> str:
-        """The Mitsuba variant on the same backend; Sionna RT needs the polarised one, so both can share a process."""
+        """The Mitsuba variant for the same backend. It is the polarised one, which Sionna RT needs, so that both can share a
+        process."""
         return f"{self.name}_ad_mono_polarized"
 
     def lanes(self, values: np.ndarray, kind: Any = None) -> Any:
-        """Numbers that lanes read one each, as an array of `kind`: UInt32, which is the default, Float32 or Float64."""
+        """An array from which each lane of a kernel reads one number; `kind` is UInt32 (the default), Float32 or Float64."""
         import numpy as np
 
         kind = self.UInt32 if kind is None else kind
@@ -88,10 +90,10 @@ _recording = threading.RLock()
 
 
 def one_thread_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
-    """Lets one thread at a time record and start kernels in functions that have this decorator.
+    """Decorator that lets only one thread at a time record and start kernels in the functions that have it.
 
-    Echoes are made in one thread while earlier ones are summed in another. Dr.Jit 1.5 then fails now and then, as it takes one
-    thread's writes for part of the other's loop ("variable remains dirty despite an attempt to evaluate it").
+    One thread computes echoes while another sums earlier ones. Dr.Jit 1.5 then fails now and then, because it mistakes the writes
+    of one thread for part of a loop of the other ("variable remains dirty despite an attempt to evaluate it").
     """
 
     @functools.wraps(function)
@@ -103,17 +105,17 @@ def one_thread_at_a_time(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def aligned(values: np.ndarray, dtype: Any) -> np.ndarray:
-    """A flat copy that lies in memory as Dr.Jit's own arrays do: it takes arrays over uncopied, and compiles a kernel anew for each
-    combination of alignments."""
+    """A flat copy with the alignment of Dr.Jit's own arrays: Dr.Jit uses such arrays without copying, and compiles a kernel anew
+    for each combination of alignments."""
     out = aligned_empty(values.size, dtype)
     out[:] = values.ravel()
     return out
 
 
 def flat_on_device(values: np.ndarray, kind: Any) -> Any:
-    """Complex64 numbers as an array of Float32 `kind`, real and imaginary parts in turn.
+    """Complex64 numbers as an array of Float32 `kind`, real and imaginary parts alternating.
 
-    It is their own memory where that lies as `aligned` says: they must not change before what is made of it is computed.
+    Aligned numbers are not copied: they must not change before everything computed from them has been evaluated.
     """
     import numpy as np
 
@@ -122,7 +124,7 @@ def flat_on_device(values: np.ndarray, kind: Any) -> Any:
 
 
 def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
-    """Zeros in memory that lies as `aligned` says, which the system gives when they are written."""
+    """Zeros in `aligned` memory, which the system provides only when it is written."""
     import numpy as np
 
     length = math.prod(shape) * np.dtype(dtype).itemsize
@@ -132,7 +134,7 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
 
 
 def aligned_empty(size: int, dtype: Any, memory: Callable[[int], np.ndarray] | None = None) -> np.ndarray:
-    """Flat memory for that many numbers, that lies as `aligned` says; `memory` gives so many bytes, by default new ones."""
+    """Flat uninitialised array of `size` numbers in `aligned` memory; `memory` provides a number of bytes, by default new ones."""
     import numpy as np
 
     length = size * np.dtype(dtype).itemsize
@@ -156,7 +158,8 @@ def select(device: str = "auto") -> Backend:
 
 
 def yardstick_s(backend: Backend) -> float:
-    """Time that a fixed piece of work takes here [s], the best of a few tries: what the seconds of the laws are counted in.
+    """Duration of a fixed reference computation on this machine [s], the best of a few tries; the laws of run time are relative to
+    it.
 
     Half of it are sines on the backend, half a sparse product in one thread.
     """
@@ -188,8 +191,8 @@ def yardstick_s(backend: Backend) -> float:
 
 
 def recent_yardstick_s(backend: Backend) -> float:
-    """`yardstick_s`, measured at most once a minute for a backend and a number of threads: it takes as long as the rest of a plan
-    of a short record."""
+    """`yardstick_s`, measured at most once a minute for a backend and a number of threads, because it takes as long as the rest of
+    a plan for a short record."""
     key, now = (backend.name, thread_count()), time.monotonic()
     measured, seconds = _yardsticks.get(key, (-math.inf, math.nan))
     if now - measured > YARDSTICK_KEPT_S:
@@ -200,21 +203,21 @@ def recent_yardstick_s(backend: Backend) -> float:
 
 @functools.cache
 def require_llvm() -> None:
-    """Check, before Dr.Jit loads it, that the LLVM library is there and new enough; the newest one installed is taken.
+    """Checks, before Dr.Jit loads it, that the LLVM library exists and is new enough; chooses the newest one installed.
 
     A path that the user gave in DRJIT_LIBLLVM_PATH is checked, not replaced.
     """
     path = os.environ.get(_PATH_VARIABLE)
     if path:
         _check_library(path)
-    elif sys.platform.startswith("linux"):  # elsewhere Dr.Jit's own search is all there is
+    elif sys.platform.startswith("linux"):  # on other systems only Dr.Jit's own search is available
         os.environ[_PATH_VARIABLE] = _newest_installed()
     import drjit as dr
 
     if not dr.has_backend(dr.JitBackend.LLVM):
         raise BackendError(f"Dr.Jit found no usable LLVM; {_REMEDY}")
     version = dr.detail.llvm_version()
-    if version[0] < OLDEST_LLVM:  # Dr.Jit had loaded its LLVM before this check could choose one
+    if version[0] < OLDEST_LLVM:  # Dr.Jit had loaded an LLVM before this check could choose one
         raise BackendError(f"Dr.Jit runs on LLVM {version[0]}, which is too old; {_REMEDY}")
 
 
@@ -230,7 +233,7 @@ def _backend(name: Literal["llvm", "cuda"]) -> Backend:
 def _has_cuda() -> bool:
     if sys.platform.startswith("linux") and _PATH_VARIABLE not in os.environ:
         with contextlib.suppress(BackendError):  # a machine with CUDA needs no LLVM
-            os.environ[_PATH_VARIABLE] = _newest_installed()  # Dr.Jit takes its choice when it is imported
+            os.environ[_PATH_VARIABLE] = _newest_installed()  # Dr.Jit reads the choice when it is imported
     import drjit as dr
 
     return bool(dr.has_backend(dr.JitBackend.CUDA))
@@ -246,7 +249,7 @@ def _check_library(path: str) -> None:
 
 
 def _newest_installed() -> str:
-    """Path of the newest good library; raises where there is none."""
+    """Path of the newest usable library; raises a BackendError where there is none."""
     too_old = []
     for path in _installed():
         try:
@@ -262,14 +265,14 @@ def _newest_installed() -> str:
 
 
 def _installed() -> list[str]:
-    """Libraries of this machine, newest first by file name, so that no old one need be loaded to be passed over."""
+    """LLVM libraries of this machine, newest first by file name, so that old ones need not be loaded."""
     paths = {str(path.resolve()) for pattern in _LIBRARY_GLOBS for path in _ROOT.glob(pattern)} | _from_wheel()
-    # a bare name lets the loader search LD_LIBRARY_PATH and an environment's own folder, as Dr.Jit does
+    # given a bare name, the loader searches LD_LIBRARY_PATH and the environment's own folder, as Dr.Jit does
     return [*sorted(paths, key=_version_in_name, reverse=True), "libLLVM.so"]
 
 
 def _from_wheel() -> set[str]:
-    """The libraries that the extra [llvm] brings, wherever pip put them: the environment's own folder, or the user's."""
+    """The libraries of the extra [llvm], wherever pip has put them: in the environment's own folder, or the user's."""
     from importlib import metadata
 
     try:
@@ -280,14 +283,15 @@ def _from_wheel() -> set[str]:
 
 
 def _version_in_name(path: str) -> tuple[int, ...]:
-    """(19, 1) of libLLVM.so.19.1 or libLLVM-19.1.so."""
+    """The version in the name of a library: (19, 1) for libLLVM.so.19.1 or libLLVM-19.1.so."""
     return tuple(int(number) for number in re.findall(r"\d+", Path(path).name))
 
 
 def _llvm_version(path: str) -> int:
-    """Major version of an LLVM library; 0 for one older than 16, which cannot tell. OSError where it does not load."""
+    """Major version of an LLVM library; 0 for versions before 16, which have no function for it. Raises OSError where it does not
+    load."""
     library = ctypes.CDLL(path)
-    if not hasattr(library, "LLVMGetVersion"):  # new in LLVM 16
+    if not hasattr(library, "LLVMGetVersion"):  # this function is new in LLVM 16
         return 0
     major, minor, patch = ctypes.c_uint(), ctypes.c_uint(), ctypes.c_uint()
     library.LLVMGetVersion(ctypes.byref(major), ctypes.byref(minor), ctypes.byref(patch))
@@ -300,8 +304,8 @@ def _named(version: int) -> str:
 
 @contextlib.contextmanager
 def limited_threads(count: int) -> Iterator[None]:
-    """Lets this process compute on so many threads of Dr.Jit, BLAS and OpenMP, and on as many as before at the end; what it
-    computes stays the same. It holds for the whole process, so that two of its threads must not use it at the same time."""
+    """Lets this process compute with `count` threads of Dr.Jit, BLAS and OpenMP, and with as many as before afterwards; results
+    stay the same. It applies to the whole process, so two threads must not use it at the same time."""
     import threadpoolctl
 
     if not _has_cuda():
@@ -320,10 +324,10 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 class _OneBlasThread(contextlib.ContextDecorator):
-    """One thread of BLAS in this process, for all threads of Python, until the last of those within has left.
+    """Context in which BLAS uses a single thread, in all Python threads of this process, until the last one has left it.
 
-    The bits of a product may depend on how many threads share it, and threads that wait for the next product take the kernels'
-    cores.
+    The bits of a matrix product may depend on the number of threads that share it, and idle BLAS threads take cores from the
+    kernels.
     """
 
     def __init__(self) -> None:
@@ -350,27 +354,28 @@ class _OneBlasThread(contextlib.ContextDecorator):
 
 
 def _anyone_limits_blas() -> None:
-    """threadpoolctl lets the thread that was first limit OpenBLAS, and does nothing, without a word, for all others."""
+    """Makes threadpoolctl work in any thread: for OpenBLAS it lets only the thread that used it first set a limit, and silently
+    does nothing in others."""
     from threadpoolctl import OpenBLASController
 
     OpenBLASController.clear_controlling_thread(force=True)
 
 
 one_blas_thread = _OneBlasThread()
-"""For a `with`, and to decorate a function that promises the same bits."""
+"""For `with`, or as a decorator of functions that promise the same bits."""
 
 
 def thread_count() -> int:
-    """Threads that this process computes on: as many as there are cores, or those of `limited_threads`."""
+    """Number of threads that this process computes with: that of the cores, or that of `limited_threads`."""
     import drjit as dr
 
     return int(dr.thread_count())
 
 
 def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
-    """Does the work of all items in as many threads as this process computes on."""
+    """Calls `work` for all items, in as many threads as this process computes with."""
     threads = min(thread_count(), len(items))
-    if threads <= 1:  # memory that a thread of a pool asks for comes from the system anew, a fifth slower
+    if threads <= 1:  # threads of a pool would get their memory from the system anew, which is a fifth slower
         for item in items:
             work(item)
         return
@@ -379,7 +384,7 @@ def in_threads(work: Callable[[int], None], items: Sequence[int]) -> None:
 
 
 def prefetched(items: Iterable[Item]) -> Iterator[Item]:
-    """The same items in the same order; another thread makes the next one while one is worked on."""
+    """Yields the same items in the same order, while another thread computes the next one."""
     source, end = iter(items), object()
     with ThreadPoolExecutor(1) as pool:
         coming = pool.submit(next, source, end)
@@ -390,12 +395,12 @@ def prefetched(items: Iterable[Item]) -> Iterator[Item]:
 
 @one_thread_at_a_time
 def normal_numbers(count: int, *, key: int, scale: float = 1.0) -> np.ndarray:
-    """Normal numbers of a standard deviation, float32 (count,): those of Philox4x32 (Salmon et al. 2011) by a key of 64 bits; the
-    first ones do not depend on how many there are. NumPy's generators take ten times as long."""
+    """Normally distributed numbers with standard deviation `scale`, float32 (count,), from Philox4x32 (Salmon et al. 2011) with a
+    64-bit key. The first numbers do not depend on `count`. NumPy's generators take ten times as long."""
     import drjit as dr
     import numpy as np
 
-    backend = select("cpu")  # the same bits on a machine with a GPU
+    backend = select("cpu")  # on the CPU even if there is a GPU, for the same bits
     arrays = backend.arrays
     lane = dr.arange(backend.UInt32, -(-count // 4))
     normals = arrays.Philox4x32(dr.opaque(arrays.UInt64, key), lane).next_float32x4_normal()

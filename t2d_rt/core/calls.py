@@ -1,4 +1,5 @@
-"""Public functions and classes, called with arguments that they do not take: one sentence, with the name that was meant."""
+"""Errors of one sentence for public functions and classes that are called with wrong arguments, with the name that was probably
+meant."""
 
 from __future__ import annotations
 
@@ -14,17 +15,17 @@ T = TypeVar("T")
 
 
 class CallError(InputError, TypeError):
-    """Arguments that a function does not take, or that it lacks."""
+    """Raised where a function is called with arguments that it does not have, or without some that it needs."""
 
     option: str = ""
-    """An unknown one."""
+    """Name of an unknown argument."""
     known: Sequence[str] = ()
-    """What may be left out of a call."""
+    """Names of the arguments that are optional."""
 
 
 def public(value: T) -> T:
-    """A function, or a class with its methods, whose wrong calls are a CallError. A class is changed; a function takes the place of
-    the given one in its module, as pickle expects."""
+    """Makes wrong calls of a function, or of a class and its methods, raise a CallError. A class is changed in place; a function is
+    replaced in its module by a wrapper, as pickle expects."""
     if isinstance(value, type):
         for name, member in list(vars(value).items()):
             if name == "__init__" or not name.startswith("_"):
@@ -50,7 +51,7 @@ def _checked(function: Callable[..., Any]) -> Callable[..., Any]:
         try:
             return function(*values, **options)
         except CallError as error:
-            # An option that was handed on to another function: it may have been meant for this one.
+            # The unknown option was passed on to another function, but may have been meant for this one.
             own_options = _optional(function)
             if error.option not in options or error.option in own_options:
                 raise
@@ -81,7 +82,7 @@ def _optional(function: Callable[..., Any]) -> list[str]:
 
 
 def _unknown(name: str, option: str, names: Sequence[str], known: Sequence[str]) -> CallError:
-    from t2d_rt.core.checks import names_advice, shown  # with NumPy, for which `import t2d_rt` does not wait
+    from t2d_rt.core.checks import names_advice, shown  # loads NumPy, for which `import t2d_rt` shall not wait
 
     error = CallError(f"{name} has no option {shown(option)}; {names_advice(option, names)}")
     error.option, error.known = option, known
@@ -89,7 +90,7 @@ def _unknown(name: str, option: str, names: Sequence[str], known: Sequence[str])
 
 
 def _error(function: Callable[..., Any], values: tuple[Any, ...], options: dict[str, Any]) -> CallError | None:
-    """What is wrong with the arguments; None where they fit."""
+    """The error about the arguments of a call; None where they fit."""
     signature, name = inspect.signature(function), _name(function, values)
     try:
         signature.bind(*values, **options)

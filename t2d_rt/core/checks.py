@@ -1,5 +1,5 @@
-"""Checks of what public functions are given: each returns the value as the function wants it, or raises an InputError of one
-sentence with what was given, what was expected and what to do.
+"""Checks of arguments of public functions. Each returns the value in the form that the function needs, or raises an InputError of
+one sentence: what was given, what was expected, and what to do.
 
 >>> number("distance_m", 3, 0, 100)
 3.0
@@ -24,15 +24,15 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 
 LARGEST_M = 1e6
-"""Farthest coordinate of anything [m]; what exceeds it was meant in another unit, or is damaged."""
+"""Greatest coordinate of anything [m]; larger ones are in a wrong unit, or damaged."""
 
 GREATEST = 1e100
-"""Larger numbers are refused as infinite: their fourth powers are."""
+"""Greatest number that is accepted: the fourth power of larger ones would be infinite."""
 
 LONGEST_SHOWN = 60
-"""Characters of a value in a sentence."""
+"""Greatest number of characters of a value in an error message."""
 LONGEST_NAME = 100
-"""Characters of a name that are compared with known ones."""
+"""Greatest number of characters of a name that is compared with known ones."""
 
 _short = reprlib.Repr()
 _short.maxstring = _short.maxother = LONGEST_SHOWN
@@ -40,12 +40,12 @@ _short.maxlist = _short.maxtuple = _short.maxdict = 4
 
 
 def shown(value: Any) -> str:
-    """A value in a sentence: one line of at most LONGEST_SHOWN characters, however large the value is."""
+    """A value as an error message shows it: one line of at most LONGEST_SHOWN characters, however large the value is."""
     if isinstance(value, np.ndarray):
         return f"an array of {value.dtype} of shape {value.shape}"
     try:
         words = " ".join(_short.repr(value).split())
-    except Exception:  # whatever the repr of a user's object does, the sentence goes on
+    except Exception:  # the repr of a user's object may raise anything
         words = f"a {type(value).__name__}"
     return words if len(words) <= LONGEST_SHOWN else words[: LONGEST_SHOWN - 3] + "..."
 
@@ -53,7 +53,7 @@ def shown(value: Any) -> str:
 def number(
     name: str, value: Any, low: float = -math.inf, high: float = math.inf, *, unit: str = "", hint: str = ""
 ) -> float:
-    """A finite number in low..high, both included."""
+    """A checked number: finite, from `low` to `high` inclusive."""
     scalar = _scalar(value)
     if isinstance(scalar, (bool, np.bool_)) or not isinstance(scalar, Real):
         raise InputError(f"{name} must be a number, got {shown(value)}{_then(hint)}")
@@ -64,7 +64,7 @@ def number(
 
 
 def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", hint: str = "") -> float:
-    """A number above 0, and `high` at most."""
+    """A checked number: above 0, and at most `high`."""
     scalar = number(name, value, unit=unit, hint=hint)
     if not scalar > 0:
         raise InputError(f"{name} must be positive, got {shown(value)}{_then(hint)}")
@@ -72,7 +72,7 @@ def positive(name: str, value: Any, high: float = math.inf, *, unit: str = "", h
 
 
 def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hint: str = "") -> int:
-    """An integer in low..high, both included; a float is refused, 128.0 too."""
+    """A checked integer from `low` to `high` inclusive; floats are refused, even 128.0."""
     scalar = _scalar(value)
     whole = isinstance(scalar, (int, np.integer)) and not isinstance(scalar, bool)
     scalar = int(scalar) if whole else 0
@@ -83,21 +83,21 @@ def integer(name: str, value: Any, low: int = 0, high: int | None = None, *, hin
 
 
 def flag(name: str, value: Any) -> bool:
-    """A value that is True or False, NumPy's as well."""
+    """A checked bool; NumPy's are accepted."""
     if not isinstance(value, (bool, np.bool_)):
         raise InputError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def text(name: str, value: Any, *, hint: str = "") -> str:
-    """A value that is a str, as it stands."""
+    """A checked str, unchanged."""
     if not isinstance(value, str):
         raise InputError(f"{name} must be a text, got {shown(value)}{_then(hint)}")
     return value
 
 
 def choice(name: str, value: Any, choices: Collection[str], *, hint: str = "") -> str:
-    """One of some words."""
+    """A checked str: one of the given words."""
     if not isinstance(value, str) or value not in choices:
         *first, last = (repr(word) for word in choices)
         expected = f"{', '.join(first)} or {last}" if first else last
@@ -106,7 +106,7 @@ def choice(name: str, value: Any, choices: Collection[str], *, hint: str = "") -
 
 
 def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "") -> InputError:
-    """That no `noun` has this name, with the known name that it is close to, or else with all of them.
+    """The error that no `noun` has this name. It suggests the closest known name, or else lists all.
 
     >>> print(unknown_name("fruit", "Aple", ["apple", "pear"]))
     unknown fruit 'Aple'; did you mean apple?
@@ -119,7 +119,7 @@ def unknown_name(noun: str, value: Any, known: Collection[str], *, hint: str = "
 
 
 def names_advice(value: Any, known: Collection[str], *, hint: str = "") -> str:
-    """End of a sentence about a name that is not known: the one that it is close to, or else all of them and the hint."""
+    """End of the message about an unknown name: the closest known name, or else all of them and the hint."""
     by_plain_name = {_plain_name(name): name for name in known}
     close = difflib.get_close_matches(_plain_name(str(value)[:LONGEST_NAME]), by_plain_name, n=1)
     apart = "; " if any("," in name for name in known) else ", "
@@ -131,7 +131,7 @@ def _plain_name(name: str) -> str:
 
 
 def file_path(name: str, value: Any) -> Path:
-    """A path that a file may have."""
+    """A checked path of a file."""
     if not isinstance(value, (str, PathLike)):
         raise InputError(f"{name} must be a path (a text or a pathlib.Path), got {shown(value)}")
     try:
@@ -149,21 +149,21 @@ def file_path(name: str, value: Any) -> Path:
 
 
 def instance(name: str, value: Any, kind: type | tuple[type, ...], expected: str, *, hint: str = "") -> Any:
-    """An object of some type, which the sentence calls `expected`."""
+    """A checked object of a type, which the error message calls `expected`."""
     if not isinstance(value, kind):
         raise InputError(f"{name} must be {expected}, got {shown(value)}{_then(hint)}")
     return value
 
 
 def listed(name: str, value: Any, kind: type, expected: str) -> tuple[Any, ...]:
-    """The items of a list or tuple that are all of some type, which the sentence calls `expected`."""
+    """The items of a list or tuple, all checked to be of a type, which the error message calls `expected`."""
     if not isinstance(value, (list, tuple)) or not all(isinstance(item, kind) for item in value):
         raise InputError(f"{name} must be {expected}, got {shown(value)}")
     return tuple(value)
 
 
 def call(name: str, value: Any, expected: str) -> Any:
-    """A function, which the sentence calls `expected`."""
+    """A checked function, which the error message calls `expected`."""
     if not callable(value):
         raise InputError(f"{name} must be {expected}, got {shown(value)}")
     return value
@@ -178,7 +178,8 @@ def array(
     unit: str = "",
     hint: str = "",
 ) -> np.ndarray:
-    """Finite numbers as float64 of a shape; a word in it names a dimension of any length, `limit` bounds their size."""
+    """A checked array of finite float64 numbers of magnitude up to `limit`. A word in `shape` stands for a dimension of any
+    length."""
     numbers = numeric(name, value)
     if np.iscomplexobj(numbers):
         raise InputError(f"{name} must hold real numbers, got {numbers.dtype}{_then(hint)}")
@@ -197,7 +198,7 @@ def array(
 
 
 def numeric(name: str, value: Any) -> np.ndarray:
-    """Numbers of any kind as an array. Masked arrays are refused: their masked values would be taken for data."""
+    """Numbers of any type as an array. Masked arrays are refused, because their masked values would be taken for data."""
     within = value if isinstance(value, (list, tuple)) else [value]
     if any(isinstance(part, np.ma.MaskedArray) for part in within):
         raise InputError(f"{name} must not be a masked array: fill or cut what is masked first")
@@ -211,7 +212,7 @@ def numeric(name: str, value: Any) -> np.ndarray:
 
 
 def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: str = "") -> None:
-    """Refuses another shape; a word names a dimension of any length."""
+    """Refuses an array of another shape; a word in `shape` stands for a dimension of any length."""
     fits = value.ndim == len(shape) and all(
         isinstance(extent, str) or extent == length for extent, length in zip(shape, value.shape, strict=True)
     )
@@ -221,7 +222,7 @@ def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: st
 
 
 def interval(name: str, value: Any, *, unit: str = "") -> tuple[float, float]:
-    """Two finite numbers, the lower one first."""
+    """A checked pair of finite numbers, the lower one first."""
     pair = numeric(name, value) if isinstance(value, (list, tuple, np.ndarray)) else None
     if pair is None or pair.shape != (2,) or np.iscomplexobj(pair) or np.isnan(pair).any() or pair[0] > pair[1]:
         expected = f"two numbers, least and greatest{f', in {unit}' if unit else ''}"
@@ -230,7 +231,7 @@ def interval(name: str, value: Any, *, unit: str = "") -> tuple[float, float]:
 
 
 def options(name: str, value: Any, known: Collection[str]) -> Mapping[str, Any]:
-    """A mapping whose keys are among the known ones."""
+    """A checked mapping, all of whose keys are known."""
     if not isinstance(value, Mapping):
         raise InputError(f"{name} must be a mapping of options and values, got {shown(value)}")
     for key in value:
@@ -240,14 +241,14 @@ def options(name: str, value: Any, known: Collection[str]) -> Mapping[str, Any]:
 
 
 def _scalar(value: Any) -> Any:
-    """The value of an array of no dimensions, but for np.ma.masked, which is no number; anything else as it is."""
+    """The value of a zero-dimensional array, except np.ma.masked, which is no number; anything else unchanged."""
     if isinstance(value, np.ndarray) and value.ndim == 0 and not isinstance(value, np.ma.MaskedArray):
         return value[()]
     return value
 
 
 def _finite_float(value: Any) -> float:
-    """A number as a float; an integer that is too large for one becomes infinite."""
+    """A number as a float; an integer too large for a float becomes infinite."""
     try:
         return float(value)
     except OverflowError:
@@ -278,7 +279,7 @@ def _then(hint: str) -> str:
 
 
 def numbered(names: Iterable[str], sign: str = " ", taken: Iterable[str] = ()) -> list[str]:
-    """Names of which each occurs once, and none is `taken`: a number follows one that is there already, as in "adult 2"."""
+    """Makes names unique: a name that occurred before, or is in `taken`, gets a number, as in "adult 2"."""
     used, counts, distinct = set(taken), Counter[str](), list[str]()
     for name in names:
         candidate = name

@@ -1,33 +1,34 @@
-"""Physical constants in SI units (CODATA 2018, exact by definition unless noted), the units of names, and powers in decibels."""
+"""Physical constants in SI units (CODATA 2018, exact by definition unless noted), units of variables by their names, and
+decibels."""
 
 from __future__ import annotations
 
 import numpy as np
 
 SPEED_OF_LIGHT = 299_792_458.0
-"""m/s"""
+"""Speed of light in vacuum [m/s]."""
 
 BOLTZMANN = 1.380_649e-23
-"""J/K"""
+"""Boltzmann constant [J/K]."""
 
 VACUUM_PERMITTIVITY = 8.854_187_8128e-12
-"""F/m"""
+"""Vacuum permittivity [F/m]."""
 
 REFERENCE_TEMPERATURE_K = 290.0
-"""Noise reference temperature (IEEE)."""
+"""Noise reference temperature [K] (IEEE)."""
 
 STANDARD_GRAVITY = 9.806_65
-"""m/s^2"""
+"""Standard acceleration of gravity [m/s^2]."""
 
 UNITS = {"m": "m", "s": "s", "mps": "m/s", "rad": "rad", "dbm": "dBm"}
-"""Units by the end of the name of an axis or of a variable."""
+"""Units by the ending of a variable's or an axis's name."""
 
 
 def unit_of(name: str) -> str:
-    """The unit that a name ends with, as that of "range_m"; "" where it ends with none."""
+    """The unit at the end of a name, such as "m" for "range_m"; "" where there is none."""
     return UNITS.get(name.rpartition("_")[2], "")
 
 
 def decibel(power: np.ndarray) -> np.ndarray:
-    """Power [dB re 1 W]; silence reads -300 dB, far below thermal noise in any bin."""
+    """Power [dB re 1 W]; zero power gives -300 dB, far below thermal noise in any bin."""
     return np.asarray(10 * np.log10(np.maximum(power, 1e-30)))

@@ -1,4 +1,4 @@
-"""Rows of an ADC cube on disk: in a temporary file while it is made, and in the folder of a result."""
+"""Storage of an ADC cube's rows on disk: in a temporary file while the cube is computed, or in the folder of a recording."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import regular_file
 
 BLOCK_BYTES = 8 * 2**20
-"""Bytes that are read or written at once."""
+"""Number of bytes that are read or written at once."""
 NAME, DIMENSIONS = "adc", ("chirp", "antenna", "sample")
 DTYPE = np.dtype(np.complex64)
 CHECKSUM_BYTES = 4
-"""At the end of every chunk in a result's folder (codec crc32c of zarr)."""
+"""Size of the checksum at the end of every chunk in a recording's folder (codec crc32c of zarr)."""
 LARGEST_CHUNK_BYTES = 2**30
-"""Largest chunk that is read; `new_array` makes chunks of BLOCK_BYTES, or of one chirp where that is more."""
+"""Greatest size of a chunk that is read; `new_array` makes chunks of BLOCK_BYTES, or of one chirp where that is more."""
 CODECS = ({"name": "bytes", "configuration": {"endian": "little"}}, {"name": "crc32c"})
-"""Codecs of the array "adc", which is not compressed, as phases do not compress."""
+"""Codecs of the array "adc"; it is not compressed, because phases cannot be."""
 
 
 class ScratchFile:
     """A temporary file without a name (in TMPDIR).
 
-    The system frees it when the last object or process that can read it has gone, however that ended.
+    The system frees it as soon as no object or process can read it any more, however these ended.
     """
 
     def __init__(self) -> None:
@@ -41,15 +41,16 @@ class ScratchFile:
         except OSError as error:
             raise _no_room(error) from error
         self._opened = file
-        """Closed with this object and not before: at the end of the program its number may be another file's."""
+        """The open file. It is closed with this object and not before: during shutdown its descriptor may already belong to another
+        file."""
         self._file = file.fileno()
         self.size = 0
-        """[byte]."""
+        """Size of the file [bytes]."""
         self._failed: InputError | None = None
         weakref.finalize(self, file.close).atexit = False
 
     def read(self, offset: int, shape: tuple[int, ...]) -> np.ndarray:
-        """Numbers from an offset [byte] on, complex64."""
+        """Reads complex64 numbers of a shape, from an offset [bytes]."""
         if self._failed is not None:
             raise self._failed
         values = np.empty(shape, DTYPE)
@@ -62,7 +63,7 @@ class ScratchFile:
         return values
 
     def write(self, offset: int, values: np.ndarray) -> None:
-        """Puts numbers from an offset [byte] on."""
+        """Writes numbers at an offset [bytes]."""
         data = np.ascontiguousarray(values).reshape(-1).view(np.uint8).data
         try:
             while len(data):
@@ -73,36 +74,37 @@ class ScratchFile:
         self.size = max(self.size, offset)
 
     def add(self, values: np.ndarray) -> int:
-        """Puts numbers at the end; their offset [byte]."""
+        """Appends numbers, and returns their offset [bytes]."""
         offset = self.size
         self.write(offset, values)
         return offset
 
     def append(self, block: bytes) -> None:
-        """The next bytes, for `pickle` and `copy`. A full disk shows at reading: an error here would leave a pool hanging."""
+        """Appends bytes, for `pickle` and `copy`. A full disk is reported only on reading, since an error here would make a process
+        pool hang."""
         try:
             self.write(self.size, np.frombuffer(block, np.uint8))
         except InputError as error:
             self._failed = self._failed or error
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # By value, in blocks: a file without a name cannot be opened by another process.
+        # The content is pickled, in blocks, because another process cannot open a file without a name.
         return ScratchFile, (), None, self.blocks()
 
     def blocks(self) -> Iterator[bytes]:
-        """Content of the file, block by block."""
+        """The content of the file, block by block."""
         for offset in range(0, self.size, BLOCK_BYTES):
             size = min(BLOCK_BYTES, self.size - offset)
             yield self.read(offset, (size // DTYPE.itemsize,)).tobytes()
 
 
 class ScratchRows:
-    """Rows (antenna, sample) in a temporary file, written from the first on."""
+    """Rows (antenna, sample) in a temporary file, written from the first one on."""
 
     def __init__(self, shape: tuple[int, ...]) -> None:
         self.shape = shape
         self._written = 0
-        """Rows so far; those after them are an error at reading, not zeros."""
+        """Number of rows written so far; reading any after these is an error, not zeros."""
         self._file = ScratchFile()
 
     def read(self, start: int, stop: int) -> np.ndarray:
@@ -115,7 +117,7 @@ class ScratchRows:
         return self._file.read(start * row_bytes(self.shape), (stop - start, *self.shape[1:]))
 
     def write(self, start: int, rows: np.ndarray) -> None:
-        """Puts rows in place from `start` on, which may lie at most at the end of what is written."""
+        """Writes rows from `start` on, which must not lie beyond the rows written so far."""
         if start > self._written or start + len(rows) > self.shape[0] or rows.shape[1:] != self.shape[1:]:
             raise InputError(
                 f"rows {rows.shape} from {start} on do not fit {self._written} of {self.shape} written so far"
@@ -125,17 +127,17 @@ class ScratchRows:
 
 
 class SavedRows:
-    """Rows (antenna, sample) of the array "adc" in a result's folder; what is no longer the same recording is an error.
+    """Rows (antenna, sample) of the array "adc" in a recording's folder; an error if the folder no longer holds the same recording.
 
-    Opened when first read, so that an error arises where the samples are used and not while a pool unpickles them.
+    It is opened when first read, so that errors arise where samples are used and not while a process pool unpickles them.
     """
 
     def __init__(self, folder: Path, shape: tuple[int, ...], sha256: str) -> None:
         self.folder = folder
-        """Absolute: the working directory may change."""
+        """Absolute path, as the working directory may change."""
         self.shape = shape
         self.sha256 = sha256
-        """Of the samples, as the array's attributes have it."""
+        """Checksum of the samples, as in the array's attributes."""
         self._array: Any = None
         self._state: tuple[int, ...] | None = None
 
@@ -151,9 +153,9 @@ class SavedRows:
         self._check_chunks(start, stop)
         try:
             rows = np.asarray(self._array[start:stop])
-        except Exception as error:  # zarr and its codecs raise what they like
+        except Exception as error:  # zarr and its codecs may raise anything
             raise _damaged(self.folder, str(error)) from error
-        self._check_chunks(start, stop)  # zarr reads a chunk that has gone meanwhile as fill values
+        self._check_chunks(start, stop)  # zarr would read a missing chunk as fill values
         if self._state_now() != state:
             raise _damaged(self.folder, "replaced while they were read")
         return rows
@@ -162,7 +164,7 @@ class SavedRows:
         return SavedRows, (self.folder, self.shape, self.sha256)
 
     def _opened(self) -> tuple[int, ...]:
-        """Opens the array anew where its files have changed."""
+        """Opens the array, or opens it anew if its files have changed."""
         state = self._state_now()
         if state != self._state:
             array = _saved_array(self.folder)
@@ -179,7 +181,7 @@ class SavedRows:
         return status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns
 
     def _check_chunks(self, start: int, stop: int) -> None:
-        """Every chunk of these rows is a whole file."""
+        """Checks that every chunk of these rows is a complete file."""
         rows = int(self._array.chunks[0])
         expected = rows * row_bytes(self.shape) + CHECKSUM_BYTES
         for chunk in range(start // rows, -(-stop // rows)):
@@ -193,28 +195,28 @@ class SavedRows:
 
 @dataclass(frozen=True, eq=False)
 class FileRows:
-    """Rows (antenna, sample) of a file of measured samples, decoded when read; what is no longer the same file is an error."""
+    """Rows (antenna, sample) of a file of measured samples, which are decoded when read; an error if the file has changed."""
 
     path: Path
     """Absolute path of the file."""
     shape: tuple[int, int, int]
     begin: int
-    """Where the first row begins in the file [byte]."""
+    """Offset of the first row in the file [bytes]."""
     dtype: np.dtype[Any]
     row_numbers: int
-    """Numbers of a row."""
+    """How many numbers make a row."""
     decode: Callable[[np.ndarray], np.ndarray] | None = None
-    """Makes samples, complex64, of as many rows of numbers (row, number)."""
+    """Function that decodes rows of numbers (row, number) to as many rows of complex64 samples."""
     held: np.ndarray | None = None
-    """All numbers (row, number), where those of a row do not lie together in the file."""
+    """All numbers (row, number), where those of a row are not contiguous in the file."""
     state: tuple[int, int] = field(init=False)
-    """Size and time of the file."""
+    """Size and modification time of the file."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "state", self._state(self.path.stat()))
 
     def numbers(self, start: int, stop: int) -> np.ndarray:
-        """Numbers of rows start..stop as they stand in the file, (row, number)."""
+        """Numbers of rows start..stop as stored in the file, (row, number)."""
         if self.held is not None:
             return self.held[start:stop]
         values = np.empty((stop - start, self.row_numbers), self.dtype)
@@ -236,7 +238,7 @@ class FileRows:
 
 
 def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
-    """The zarr array "adc" of complex64 in the group `folder`, which is made."""
+    """Creates the zarr array "adc" of complex64 in the group `folder`."""
     import zarr
     from zarr.codecs import Crc32cCodec
 
@@ -248,20 +250,21 @@ def new_array(folder: Path, shape: tuple[int, ...]) -> Any:
         chunks=(min(shape[0], block_rows(shape)), *shape[1:]),
         dtype="complex64",
         compressors=[Crc32cCodec()],
-        fill_value=complex(np.nan, np.nan),  # what any reader gets for a chunk that is lost
+        fill_value=complex(np.nan, np.nan),  # value that readers get for a missing chunk
         config={"write_empty_chunks": True},
         dimension_names=DIMENSIONS,
     )
 
 
 def _saved_array(folder: Path) -> Any:
-    """The zarr array "adc" of a result's folder, if it is laid out as `new_array` does: others could ask for any memory."""
+    """The zarr array "adc" of a recording's folder; refuses one of another layout than that of `new_array`, which could ask for any
+    amount of memory."""
     import zarr
 
     try:
         array: Any = zarr.open_array(folder / NAME, mode="r", zarr_format=3)
         shape, chunks, codecs = tuple(array.shape), tuple(array.chunks), tuple(array.metadata.to_dict()["codecs"])
-    except Exception as error:  # zarr raises what it likes
+    except Exception as error:  # zarr may raise anything
         raise _damaged(folder, str(error)) from error
     if len(shape) != 3 or 0 in shape or array.dtype != DTYPE:
         raise InputError(f"{folder} holds samples of shape {shape} and type {array.dtype}; expected a complex64 cube")
@@ -271,12 +274,12 @@ def _saved_array(folder: Path) -> Any:
 
 
 def block_rows(shape: tuple[int, ...]) -> int:
-    """Chirps that are read or written at once."""
+    """Number of chirps that are read or written at once."""
     return max(1, BLOCK_BYTES // row_bytes(shape))
 
 
 def row_bytes(shape: tuple[int, ...]) -> int:
-    """Bytes of one chirp."""
+    """Size of one chirp [bytes]."""
     return DTYPE.itemsize * math.prod(shape[1:])
 
 

@@ -1,4 +1,4 @@
-"""ADC cubes in memory or on disk by their size: how they are filled and read by ranges of chirps."""
+"""ADC cubes in memory or, if they are large, on disk; writing and reading them by ranges of chirps."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 
 LARGE_BYTES = 512 * 2**20
-"""Cubes beyond it are not held in memory, nor those beyond `LARGE_FRACTION` of what a run may take."""
+"""Size beyond which a cube is not held in memory [bytes]; so are cubes beyond `LARGE_FRACTION` of a run's memory limit."""
 LARGE_FRACTION = 1 / 8
 
 
 @dataclass(frozen=True, slots=True)
 class GatedRows:
-    """Rows of a cube of which only the cells of a range gate are kept."""
+    """Rows of a cube of which only the range cells of a gate are kept."""
 
     cells: np.ndarray
-    """Windowed range FFT of each chirp, complex64 (chirp, antenna, cell)."""
+    """Windowed range FFT of each chirp in these cells, complex64 (chirp, antenna, cell)."""
     bins: slice
     """Range bins of the gate."""
     window: str
@@ -39,17 +39,18 @@ class GatedRows:
         return (*self.cells.shape[:2], self.samples)
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Refuses to make samples."""
+        """Raises an error, for samples cannot be recovered."""
         raise InputError(
             "this recording keeps the range cells of its gate and no ADC samples; simulate it without a range gate"
         )
 
 
 class DiskCube:
-    """A complex64 cube (chirp, antenna, sample) whose rows, or what they are made of, lie on disk: read by ranges of chirps.
+    """A complex64 cube (chirp, antenna, sample) whose rows are stored on disk, or computed from what is stored there; read by
+    ranges of chirps.
 
-    Whoever holds it, or an array that reads from it, can read it: see `ScratchRows`, `ProductRows`, `SavedRows` and `FileRows`. Of
-    `GatedRows` there are range cells alone.
+    It can be read as long as the cube, or an array that reads from it, exists: see `ScratchRows`, `ProductRows`, `SavedRows` and
+    `FileRows`. With `GatedRows` only range cells can be read.
     """
 
     ndim = 3
@@ -75,7 +76,7 @@ class DiskCube:
         return f"DiskCube({' x '.join(map(str, self.shape))} in {where})"
 
     def __getitem__(self, place: Any) -> np.ndarray:
-        """As of a NumPy array, for chirps by number, slice or list and the other axes by number or slice."""
+        """Indexes as NumPy does: chirps by number, slice or list, other axes by number or slice."""
         axes = place if isinstance(place, tuple) else (place,)
         if any(axis is Ellipsis for axis in axes):
             ellipsis_place = next(n for n, axis in enumerate(axes) if axis is Ellipsis)
@@ -86,24 +87,25 @@ class DiskCube:
         return self.outer(axes)
 
     def spread(self, start: int, stop: int) -> float:
-        """By how much the beats of anything that chirps start..stop record differ at most [rad from mid-sweep to its end]; infinite
-        where nothing is known of that."""
+        """Greatest difference between beat frequencies that chirps start..stop record, as a phase [rad from mid-sweep to its end];
+        infinite where it is not known."""
         return self.rows.spread(start, stop) if isinstance(self.rows, ProductRows) else np.inf
 
     def every(self, start: int, stop: int, step: int) -> np.ndarray:
-        """Chirps start..stop at every so many samples, complex64 (chirp, antenna, sample)."""
+        """Chirps start..stop at every `step`-th sample, complex64 (chirp, antenna, sample)."""
         if isinstance(self.rows, ProductRows):
             return self.rows.read(start, stop, step)
         return self[start:stop, :, ::step]
 
     def mixed(self, matrix: np.ndarray, start: int, step: int) -> np.ndarray:
-        """A matrix (mixture, chirp) times chirps from `start` on, complex64 (mixture, antenna, sample), at some samples."""
+        """Product of a matrix (mixture, chirp) with the chirps from `start` on, at every `step`-th sample, complex64 (mixture,
+        antenna, sample)."""
         if isinstance(self.rows, ProductRows):
             return self.rows.mixed(matrix, start, step)
         return np.tensordot(matrix, self.every(start, start + matrix.shape[1], step), 1)
 
     def outer(self, axes: tuple[Any, ...]) -> np.ndarray:
-        """An int, slice or list for each axis, every one by itself; only the blocks that hold such chirps are read."""
+        """Indexes each axis independently by an int, a slice or a list; only the blocks that hold such chirps are read."""
         if isinstance(axes[0], slice) and axes[0].step in (None, 1) and all(map(_is_all, axes[1:])):
             start, stop, _ = axes[0].indices(len(self))
             return self.rows.read(start, max(start, stop))
@@ -138,7 +140,7 @@ def _is_all(axis: Any) -> bool:
 
 
 def _selected(block: np.ndarray, axes: tuple[Any, ...]) -> np.ndarray:
-    """Rows indexed along their other axes, one axis after another; from the last on, because an integer removes its axis."""
+    """Rows indexed along their other axes, from the last axis on, because an integer removes its axis."""
     for number in range(len(axes), 0, -1):
         block = block[(slice(None),) * number + (axes[number - 1],)]
     return block
@@ -158,9 +160,9 @@ class CubeWriter:
     def __init__(self, cube: Cube) -> None:
         self._cube = cube
         self._row = 0
-        """Row of the cube that the buffer begins with; in memory, the next one."""
+        """Row of the cube at which the buffer begins; in memory, the next row."""
         self._held = 0
-        """Rows in the buffer."""
+        """Number of rows in the buffer."""
         self._buffer = self._other = np.empty((0, *cube.shape[1:]), DTYPE)
         self._writing: Future[None] | None = None
         self._pool = ThreadPoolExecutor(1)
@@ -177,7 +179,7 @@ class CubeWriter:
             self._pool.shutdown()
 
     def room(self, rows: int) -> np.ndarray:
-        """The next rows, to be filled before the next call; what they hold before is anything."""
+        """Array for the next rows, to be filled before the next call; it is not initialised."""
         if isinstance(self._cube, np.ndarray):
             self._row += rows
             return self._cube[self._row - rows : self._row]
@@ -190,7 +192,7 @@ class CubeWriter:
         return self._buffer[self._held - rows : self._held]
 
     def _submit(self, rows: int) -> None:
-        """Lets the buffer's first rows be written, and goes on with the others in the other buffer."""
+        """Starts writing the first rows of the buffer, and continues with the others in the other buffer."""
         if not rows:
             return
         self._wait()
@@ -236,7 +238,7 @@ class CubeAdder:
                 self._products.end()
 
     def room(self, rows: int) -> np.ndarray:
-        """What is added to the next rows, to be filled before the next call; what it holds before is anything."""
+        """Array for what is added to the next rows, to be filled before the next call; it is not initialised."""
         self._add()
         self._held = np.empty((rows, *self._cube.shape[1:]), DTYPE)
         return self._held
@@ -251,21 +253,21 @@ class CubeAdder:
 
 
 Cube = np.ndarray | DiskCube
-"""(chirp, antenna, sample) complex [sqrt(W)]."""
+"""ADC samples (chirp, antenna, sample), complex [sqrt(W)]."""
 
 
 def is_large(shape: tuple[int, ...], limit_bytes: float = math.inf) -> bool:
-    """Whether a complex64 cube of that shape goes to disk, in a run that may take `limit_bytes` of memory."""
+    """Whether a complex64 cube of that shape is stored on disk, in a run whose memory limit is `limit_bytes`."""
     return shape[0] * row_bytes(shape) > min(LARGE_BYTES, LARGE_FRACTION * limit_bytes)
 
 
 def new_cube(shape: tuple[int, ...], limit_bytes: float = math.inf) -> Cube:
-    """A complex64 cube to be filled from its first row on, on disk where it is large; in memory it holds zeros."""
+    """A complex64 cube to be filled from its first row on; a large one is on disk, one in memory holds zeros."""
     return DiskCube(ScratchRows(shape)) if is_large(shape, limit_bytes) else aligned_zeros(shape, DTYPE)
 
 
 def check_complex64(cube: np.ndarray) -> None:
-    """Refuses samples that complex64, in which results are kept, would turn to infinity or to zero."""
+    """Refuses samples that would become infinite or zero in complex64, in which recordings are stored."""
     greatest = float(np.abs(cube).max(initial=0.0)) if cube.dtype.itemsize > DTYPE.itemsize else 0.0
     if greatest and not 1e-30 < greatest < 1e30:
         raise InputError(
@@ -274,14 +276,14 @@ def check_complex64(cube: np.ndarray) -> None:
 
 
 def row_blocks(cube: Cube) -> Iterator[tuple[slice, np.ndarray]]:
-    """The cube in ranges of chirps."""
+    """The cube in ranges of chirps: slices and their samples."""
     for start in range(0, len(cube), block_rows(cube.shape)):
         part = slice(start, min(start + block_rows(cube.shape), len(cube)))
         yield part, np.asarray(cube[part])
 
 
 SINGLE_ROWS = 4
-"""Rows that are added in float32, and so many of their sums; all else in float64. The sum of four like numbers is exact."""
+"""Number of rows that are added in float32, and of their sums; beyond that in float64. Sums of four equal numbers are exact."""
 
 
 def column_sums(samples: np.ndarray) -> np.ndarray:

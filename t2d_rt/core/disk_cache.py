@@ -1,8 +1,8 @@
-"""Arrays that take longer to make than to read, kept on disk from one process to the next.
+"""Cache on disk for arrays that take longer to compute than to read, shared by processes.
 
-An entry is named by the hash of all that it follows from: its inputs, the package's own code that made it, and the versions of
-NumPy and SciPy; it holds the hash of its arrays. One that is missing, damaged, from elsewhere or of another user is made anew.
-Nothing depends on the folder: it may be moved, emptied at any time, or turned off.
+An entry is named by a hash of everything that determines it: its inputs, the package's own code that made it, and the versions of
+NumPy and SciPy. The file also holds a hash of its arrays. An entry that is missing, damaged, or of another origin or user is
+computed anew. The folder may be moved, emptied at any time, or switched off.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ import numpy as np
 from t2d_rt.core.files import OPENING
 
 VARIABLE = "T2D_RT_CACHE"
-"""Environment variable that names another folder, or turns the cache off where it is "off" or empty."""
+"""Environment variable for the path of another folder; "off" or an empty value switches the cache off."""
 MOST_BYTES, LARGEST_BYTES = 1e9, 100e6
-"""Of all entries, the longest unused of which go first, and of one."""
+"""Greatest size of all entries together, of which the least recently used are removed first, and of a single entry [bytes]."""
 _HEADERS = 1_000_000
-"""Bytes of a file of arrays beside these, at most."""
+"""Greatest size of what a file holds beside its arrays [bytes]."""
 _CHECK = "sha256"
 _ENTRY, _UNFINISHED = ".npz", ".t2d-rt-part"
 _OWN = re.compile(rf"[0-9a-f]{{64}}{re.escape(_ENTRY)}|.*{re.escape(_UNFINISHED)}")
-"""Names of files that are removed to make room: the folder may hold others."""
+"""Pattern for the names of files that may be removed to make room, as the folder may hold other files."""
 
 Arrays = Mapping[str, np.ndarray]
 
 
 def folder() -> Path | None:
-    """Where entries are kept; None where they are not."""
+    """The folder of the cache; None where it is switched off."""
     setting = os.environ.get(VARIABLE)
     base = os.environ.get("XDG_CACHE_HOME", "")
     try:
         if setting is not None:
             return None if setting.strip().lower() in ("", "off") else Path(setting).expanduser()
         return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "t2d-rt"
-    except RuntimeError:  # there is no home
+    except RuntimeError:  # there is no home directory
         return None
 
 
 def key(made_by: str, parts: Iterable[object]) -> str:
-    """Name of what the package's folder `made_by` makes of `parts`: arrays, bytes, numbers and texts."""
+    """Name of the entry for what the package's folder `made_by` computes from `parts`: arrays, bytes, numbers and texts."""
     digest = hashlib.sha256(_made_with(made_by))
     for part in parts:
         if isinstance(part, np.ndarray):
@@ -62,7 +62,7 @@ def key(made_by: str, parts: Iterable[object]) -> str:
 
 @functools.cache
 def _made_with(made_by: str) -> bytes:
-    """Hash of the source code and of the versions that an entry's numbers depend on."""
+    """Hash of the source code and of the versions that determine an entry's numbers."""
     digest = hashlib.sha256("/".join((np.__version__, _scipy_version(), platform.machine())).encode())
     for path in sorted((Path(__file__).parents[1] / made_by).glob("*.py")):
         digest.update(path.read_bytes())
@@ -76,7 +76,7 @@ def _scipy_version() -> str:
 
 
 def read(name: str, array_names: Iterable[str]) -> dict[str, np.ndarray] | None:
-    """The arrays of an entry by their names; None where there is none that can be read."""
+    """Arrays of an entry by name; None where there is no readable entry."""
     home = folder()
     if home is None:
         return None
@@ -92,16 +92,16 @@ def read(name: str, array_names: Iterable[str]) -> dict[str, np.ndarray] | None:
             arrays = {array_name: file[array_name] for array_name in array_names}
             if str(file[_CHECK]) != _content(arrays):
                 return None
-    except Exception:  # NumPy and zipfile raise what they like of a damaged file
+    except Exception:  # NumPy and zipfile may raise anything for a damaged file
         return None
-    with contextlib.suppress(OSError):  # a folder that may only be read
+    with contextlib.suppress(OSError):  # the folder may be read-only
         os.utime(path)
     return arrays
 
 
 @contextlib.contextmanager
 def own_file(path: Path) -> Iterator[BinaryIO]:
-    """An entry, open for reading; OSError for one that somebody else has put there, a link, a pipe, or one of more bytes."""
+    """An entry opened for reading; raises OSError for one of another owner, a link, a pipe, or a file that is too large."""
     descriptor = os.open(path, OPENING | getattr(os, "O_NOFOLLOW", 0))
     with os.fdopen(descriptor, "rb") as file:
         status = os.fstat(descriptor)
@@ -112,7 +112,7 @@ def own_file(path: Path) -> Iterator[BinaryIO]:
 
 
 def _content(arrays: Arrays) -> str:
-    """Hash of the arrays of an entry, their names, types and shapes."""
+    """Hash of the arrays of an entry, with their names, types and shapes."""
     digest = hashlib.sha256()
     for name, array in sorted(arrays.items()):
         digest.update(repr((name, array.dtype.str, array.shape)).encode() + np.ascontiguousarray(array).tobytes())
@@ -120,7 +120,7 @@ def _content(arrays: Arrays) -> str:
 
 
 def write(name: str, arrays: Arrays) -> None:
-    """Keeps an entry, if the disk allows it."""
+    """Stores an entry, if the disk allows it."""
     home = folder()
     if home is None or sum(array.nbytes for array in arrays.values()) > LARGEST_BYTES:
         return
@@ -140,7 +140,7 @@ def write(name: str, arrays: Arrays) -> None:
 
 
 def cached_arrays(name: str, array_names: Iterable[str], make: Callable[[], Arrays]) -> Arrays:
-    """The arrays of an entry, made and kept where they are missing."""
+    """Arrays of an entry; computed by `make` and stored where there is none."""
     arrays: Arrays | None = read(name, array_names)
     if arrays is None:
         arrays = make()
@@ -149,7 +149,7 @@ def cached_arrays(name: str, array_names: Iterable[str], make: Callable[[], Arra
 
 
 def _make_room(home: Path) -> None:
-    """Removes what was not used for longest, entries and what killed processes left unfinished."""
+    """Removes the least recently used entries, and what killed processes left unfinished."""
     entries = []
     for path in home.iterdir():
         if _OWN.fullmatch(path.name):

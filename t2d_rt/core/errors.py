@@ -9,11 +9,11 @@ from collections.abc import Iterable
 from html import escape
 
 LONGEST = 2_000
-"""Characters of a sentence; a list of names that a scene or a file holds may be long."""
+"""Greatest number of characters of a message; a list of names from a scene or a file may be long."""
 
 
 def printable(text: str) -> str:
-    """Text without what a terminal would obey: all but printable characters, line ends and tabs as escapes."""
+    """Text that is safe for a terminal: everything but printable characters, line ends and tabs is escaped."""
     return "".join(
         char if char.isprintable() or char in "\n\t" else char.encode("unicode_escape").decode() for char in text
     )
@@ -55,7 +55,7 @@ class T2DWarning(UserWarning):
 
 
 def warn(sentence: str) -> None:
-    """A T2DWarning at the line of the user's that led here, however deep in t2d-rt."""
+    """Issues a T2DWarning that points to the line of the user's code, however deep in t2d-rt the call is."""
     frame, level = sys._getframe(1), 2
     while frame.f_back is not None and f"{frame.f_globals.get('__name__')}.".startswith("t2d_rt."):
         frame, level = frame.f_back, level + 1
@@ -63,7 +63,7 @@ def warn(sentence: str) -> None:
 
 
 Rows = Iterable[tuple[str, str]]
-"""Names and texts."""
+"""Names and texts of the rows of a table."""
 
 
 def html_table(heading: str, rows: Rows) -> str:

@@ -1,6 +1,8 @@
-"""The last step of the sum of echoes, samples = coefficients of each chirp times a matrix over the sweep; cubes that keep these.
+"""The last step of the sum of echoes: samples = coefficients of each chirp times functions over the sweep; and cubes that store
+these factors.
 
-Of a large cube the coefficients are kept in place of the samples: for a body before an array they are a tenth of them.
+For a large cube the coefficients are stored instead of the samples: for a body before an antenna array they take a tenth of the
+space.
 """
 
 from __future__ import annotations
@@ -17,41 +19,42 @@ from t2d_rt.core.cube_storage import DTYPE, ScratchFile
 from t2d_rt.core.errors import InputError
 
 PIECE_CHIRPS = 512
-"""Chirps of a piece: few enough that buckets which the target has left, or not reached, are left out."""
+"""Number of chirps in a piece: few enough that buckets which the target has left or not yet reached can be left out."""
 PRODUCT_CHIRPS = 128
-"""Chirps that are multiplied at once. A part of a piece is multiplied in the same blocks as the whole, for the same bits."""
+"""Number of chirps that are multiplied at once. Pieces are always multiplied in the same blocks, for the same bits."""
 BASIS_NUMBERS = 8_000_000
-"""Size of the matrix; a very wide sweep is worked on in pieces of its samples."""
+"""Greatest size of the matrix; a very wide sweep is processed in pieces of its samples."""
 LEFT_OUT = 1e-7
-"""Functions of the sample that are so much weaker than the strongest are left out where they are made few."""
+"""Functions of the sample that are weaker than the strongest by this factor are left out when their number is reduced."""
 _alone = Lock()
-"""The number of BLAS threads is one setting of the process."""
+"""Lock for the number of BLAS threads, which is a setting of the whole process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Some chirps of one antenna: coefficients (chirp, bucket x Q) times the buckets' carriers over the sweep times weights."""
+    """Some chirps of one antenna: coefficients (chirp, bucket x Q) times, for each bucket, its carrier over the sweep times
+    weights."""
 
     coefficients: np.ndarray
-    """complex64; the samples themselves where there are no `weights`."""
+    """Coefficients, complex64; the samples themselves where there are no `weights`."""
     theta: np.ndarray
-    """The buckets' carriers in phase over x, (bucket,)."""
+    """Carrier of each bucket: its phase per unit of x, (bucket,)."""
     weights: np.ndarray | None
-    """What each of the Q adds to the samples, (Q, sample)."""
+    """Function of the sample that belongs to each of the Q nodes, (Q, sample)."""
     x: np.ndarray
-    """Places of the samples in the sweep, -1..1, (sample,)."""
+    """Positions of the samples in the sweep, -1..1, (sample,)."""
     phase: np.ndarray | None
-    """Factor of each chirp's samples, (chirp,); these are added to what there is."""
+    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there."""
     band: float
-    """Greatest |theta - the bucket's theta| of anything in it [rad]."""
+    """Greatest |theta - theta of the bucket| of any echo in it [rad]."""
 
     @classmethod
     def of_samples(cls, samples: np.ndarray, phase: np.ndarray | None = None) -> Piece:
-        """Samples (chirp, sample) as they are, of which nothing is known."""
+        """A piece of plain samples (chirp, sample), whose beat frequencies are not known."""
         return cls(samples, np.zeros(1), None, np.zeros(0), phase, np.inf)
 
     def as_samples(self) -> Piece:
-        """The same as samples, of which it stays known how far the beats lie apart."""
+        """The same piece as plain samples; how far apart its beat frequencies are is kept."""
         low, high = float(self.theta.min()) - self.band, float(self.theta.max()) + self.band
         middle = np.array([(low + high) / 2])
         return Piece(self.samples(), middle, None, np.zeros(0), self.phase, (high - low) / 2)
@@ -63,7 +66,7 @@ class Piece:
         return replace(self, weights=self.weights[:, samples], x=self.x[samples])
 
     def put(self, out: np.ndarray) -> None:
-        """Fills `out` (chirp, sample), or adds to it where there is a phase."""
+        """Writes the samples to `out` (chirp, sample), or adds them to it where there is a phase."""
         if self.phase is not None:
             out += self.samples() * self.phase[:, None]
         elif self.weights is None:
@@ -80,8 +83,8 @@ class Piece:
         return out
 
     def through(self, matrix: np.ndarray) -> np.ndarray:
-        """Samples, with the phase, times a matrix (sample, cell), complex64 (chirp, cell): it meets the few functions of the sample
-        first."""
+        """Samples, with the phase, times a matrix (sample, cell), complex64 (chirp, cell); the matrix is first applied to the
+        functions of the sample, which are few."""
         functions = matrix if self.weights is None else _functions(self)[1].astype(DTYPE) @ matrix
         cells = self.coefficients @ functions
         return cells if self.phase is None else (cells * self.phase[:, None]).astype(DTYPE)
@@ -101,28 +104,28 @@ class Piece:
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """What buckets return at each chirp of one antenna, over the sweep."""
+    """Sums of buckets at each chirp of one antenna, as coefficients at the nodes of the sweep."""
 
     coefficients: np.ndarray
-    """(chirp, bucket, Q) complex64."""
+    """Coefficients, complex64 (chirp, bucket, Q)."""
     weights: np.ndarray
-    """What each of the Q adds to the samples, (Q, sample)."""
+    """Function of the sample that belongs to each of the Q nodes, (Q, sample)."""
     theta: np.ndarray
-    """The buckets' carriers in phase over x, (bucket,)."""
+    """Carrier of each bucket: its phase per unit of x, (bucket,)."""
     x: np.ndarray
-    """Places of the samples in the sweep, -1..1, (sample,)."""
+    """Positions of the samples in the sweep, -1..1, (sample,)."""
     band: float
-    """Greatest |theta - the bucket's theta| of anything in a bucket [rad]."""
+    """Greatest |theta - theta of the bucket| of any echo in a bucket [rad]."""
     phase: np.ndarray | None = None
-    """Factor of each chirp's samples, (chirp,); these are added to what there is."""
+    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there."""
 
     def pieces(self) -> Iterator[tuple[slice, Piece]]:
-        """Pieces of `PIECE_CHIRPS`, each with the buckets that hold anything at these."""
+        """Pieces of `PIECE_CHIRPS` chirps, each with the buckets that are not empty there."""
         for start in range(0, len(self.coefficients), PIECE_CHIRPS):
             chirps = slice(start, min(start + PIECE_CHIRPS, len(self.coefficients)))
             part = self.coefficients[chirps]
-            numbers = part.view(np.uint64)  # as integers: six times as fast
-            used = numbers[0].any(axis=1)  # most of those that hold anything do so at the first chirp
+            numbers = part.view(np.uint64)  # compared as integers, which is six times as fast
+            used = numbers[0].any(axis=1)  # most of the buckets that are not empty are so at the first chirp
             if not used.all():
                 used[~used] = numbers[:, ~used].any(axis=(0, 2))
             phase = None if self.phase is None else self.phase[chirps]
@@ -131,7 +134,7 @@ class Product:
 
 
 def together(pieces: Sequence[Piece]) -> Piece:
-    """The sum of pieces of the same chirps and weights, whose buckets are the same ones where their carriers are."""
+    """The sum of pieces of the same chirps and weights; buckets with the same carrier are merged."""
     if len(pieces) == 1:
         return pieces[0]
     first = pieces[0]
@@ -142,7 +145,7 @@ def together(pieces: Sequence[Piece]) -> Piece:
     ends = np.cumsum([len(piece.theta) for piece in pieces])
     for piece, buckets in zip(pieces, np.split(place, ends[:-1]), strict=True):
         if len(buckets):
-            # Those of a part mostly lie side by side: a slice takes a third of the time.
+            # The buckets of a part are mostly contiguous: a slice takes a third of the time.
             side_by_side = buckets[-1] - buckets[0] == len(buckets) - 1 and bool(np.all(np.diff(buckets) > 0))
             where: Any = slice(buckets[0], buckets[-1] + 1) if side_by_side else buckets
             total[:, where] += piece.coefficients.reshape(shape[0], len(buckets), shape[2])
@@ -150,13 +153,13 @@ def together(pieces: Sequence[Piece]) -> Piece:
 
 
 class ProductRows:
-    """Rows (antenna, sample) of a cube, as pieces whose coefficients lie in a temporary file without a name.
+    """Rows (antenna, sample) of a cube, as pieces whose coefficients are stored in a temporary file.
 
-    They are added in layers, each a sum of echoes over the whole record; a row is the sum of its layers.
+    They are added in layers, each of which is a sum of echoes over the whole record; a row is the sum of its layers.
     """
 
     def __init__(self, shape: tuple[int, ...], file: ScratchFile | None = None) -> None:
-        """`file` is one that other rows lie in as well: the system hands out few at a time."""
+        """`file` is a file that other rows use as well, because a process may open only a limited number of files."""
         self.shape = shape
         self._file = file or ScratchFile()
         self._shared = file is not None
@@ -164,24 +167,24 @@ class ProductRows:
         self._whole = False
 
     def begin(self) -> None:
-        """A layer, to which pieces are added from now on."""
+        """Begins a layer, to which pieces are then added."""
         self._layers.append(_Layer())
         self._whole = False
 
     def end(self) -> None:
-        """The layer is whole."""
+        """Ends the layer."""
         self._whole = True
 
     def __getstate__(self) -> dict[str, Any]:
-        return (self.sum_of([self]) if self._shared else self).__dict__  # by itself, without the rows of others
+        return (self.sum_of([self]) if self._shared else self).__dict__  # without the rows of others
 
     def add(self, row: int, antenna: int, piece: Piece) -> None:
-        """A piece from a row on, to the last layer."""
+        """Adds a piece to the current layer, from a row on."""
         many = piece.coefficients.shape[1] > self.shape[2]
         self._append(row, antenna, piece.as_samples() if many else piece)
 
     def add_samples(self, row: int, samples: np.ndarray) -> None:
-        """Samples (row, antenna, sample) from a row on, to the last layer; where they are zero nothing is kept."""
+        """Adds samples (row, antenna, sample) to the current layer, from a row on; zeros are not stored."""
         for first in range(0, len(samples), PIECE_CHIRPS):
             for antenna, chirp_samples in enumerate(samples[first : first + PIECE_CHIRPS].swapaxes(0, 1)):
                 if chirp_samples.any():
@@ -195,19 +198,20 @@ class ProductRows:
         self._layers[-1].add(_Stored(row, row + rows, antenna, offset, stored))
 
     def spread(self, start: int, stop: int) -> float:
-        """By how much the phases over x of anything in rows start..stop differ at most."""
+        """Greatest difference of the phases per unit of x of any echoes in rows start..stop."""
         low, high = self.phases(start, stop)
         return high - low
 
     def phases(self, start: int, stop: int) -> tuple[float, float]:
-        """Least and greatest phase over x of anything in rows start..stop; zeros where there is nothing."""
+        """Least and greatest phase per unit of x of any echo in rows start..stop; zeros where there is none."""
         pieces = (stored.piece for layer in self._layers for stored in layer.within(start, stop))
         nonempty = [piece for piece in pieces if len(piece.theta)]
         low = min((float(piece.theta.min()) - piece.band for piece in nonempty), default=0.0)
         return low, max((float(piece.theta.max()) + piece.band for piece in nonempty), default=0.0)
 
     def read(self, start: int, stop: int, every: int = 1) -> np.ndarray:
-        """Rows start..stop, complex64 (row, antenna, sample), of `every` so many samples; the same bits whatever rows are read."""
+        """Rows start..stop at every `every`-th sample, complex64 (row, antenna, sample); the bits do not depend on which rows are
+        read together."""
         if not self._whole:
             raise InputError("the ADC samples were not summed to their end; simulate again")
         samples = slice(None, None, every)
@@ -222,7 +226,7 @@ class ProductRows:
         return rows
 
     def through(self, matrix: np.ndarray, start: int, stop: int) -> np.ndarray:
-        """Rows start..stop times a matrix (sample, cell), complex64 (row, antenna, cell), of which no samples are made."""
+        """Rows start..stop times a matrix (sample, cell), complex64 (row, antenna, cell), without computing the samples."""
         cells = np.zeros((stop - start, self.shape[1], matrix.shape[1]), DTYPE)
         for layer in self._layers:
             for stored in layer.within(start, stop):
@@ -233,10 +237,11 @@ class ProductRows:
         return cells
 
     def mixed(self, matrix: np.ndarray, start: int, every: int = 1) -> np.ndarray:
-        """A matrix (mixture, row) times the rows from `start` on, complex64 (mixture, antenna, sample), of `every` so many samples.
+        """Product of a matrix (mixture, row) with the rows from `start` on, at every `every`-th sample, complex64 (mixture,
+        antenna, sample).
 
-        It meets the coefficients first, which are fewer than the samples: short-time spectra take half the time of rows and FFT.
-        Bits depend on how BLAS is called.
+        The matrix is applied to the coefficients, which are fewer than the samples: short-time spectra take half the time of
+        computing rows and their FFT. The bits depend on how BLAS is called.
         """
         mixtures = np.zeros((len(matrix), self.shape[1], len(range(0, self.shape[2], every))), DTYPE)
         for layer in self._layers:
@@ -251,7 +256,7 @@ class ProductRows:
         return mixtures
 
     def column_sums(self) -> np.ndarray:
-        """Sum of all rows, complex128 (antenna, sample): coefficients of the same carriers are summed first."""
+        """Sum of all rows, complex128 (antenna, sample); coefficients with the same carriers are added first."""
         sums = np.zeros(self.shape[1:], np.complex128)
         summed: dict[tuple[int, bytes], tuple[Piece, dict[float, np.ndarray]]] = {}
         for layer in self._layers:
@@ -275,10 +280,10 @@ class ProductRows:
         return sums
 
     def _put(self, stored: _Stored, start: int, rows: np.ndarray, samples: slice) -> None:
-        """Puts some samples of a stored piece into rows from `start` on."""
+        """Writes or adds some samples of a stored piece to rows from `start` on."""
         first, last = max(start, stored.start), min(start + len(rows), stored.stop)
         inside = rows[first - start : last - start, stored.antenna]
-        # Whole blocks of chirps, counted from the piece's first.
+        # whole blocks of chirps, counted from the first chirp of the piece
         low = stored.start + (first - stored.start) // PRODUCT_CHIRPS * PRODUCT_CHIRPS
         high = min(stored.start - (stored.start - last) // PRODUCT_CHIRPS * PRODUCT_CHIRPS, stored.stop)
         piece = stored.rows(self._file, low, high).at(samples)
@@ -291,8 +296,8 @@ class ProductRows:
             inside[:] = block[first - low : last - low]
 
     def in_one_basis(self, start: int, stop: int) -> tuple[np.ndarray, Piece]:
-        """Rows start..stop as coefficients, complex64 (row, antenna, K), of the same K functions of the sample, and these: a piece
-        without rows. Few where the rows' beats lie close, else all samples."""
+        """Rows start..stop as coefficients, complex64 (row, antenna, K), of K common functions of the sample, and these functions
+        as a piece without rows. K is small where the beat frequencies are close together; else all samples are used."""
         stored_pieces = [
             stored for layer in self._layers for stored in layer.within(start, stop) if len(stored.piece.theta)
         ]
@@ -317,7 +322,7 @@ class ProductRows:
 
     @classmethod
     def sum_of(cls, summands: Sequence[ProductRows], file: ScratchFile | None = None) -> ProductRows:
-        """Rows that are the sums of those of cubes of one shape, in a file of their own or the one given."""
+        """Sum, row by row, of cubes of the same shape, in a new file or the one given."""
         total = cls(summands[0].shape, file)
         for rows in summands:
             for layer in rows._layers:
@@ -328,7 +333,7 @@ class ProductRows:
         return total
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """All that it takes to make the rows again (`from_arrays`), as plain arrays for a file."""
+        """Everything from which `from_arrays` can restore the rows, as plain arrays for a file."""
         numbered_pieces = [
             (number, stored) for number, layer in enumerate(self._layers) for stored in layer.within(0, self.shape[0])
         ]
@@ -370,7 +375,7 @@ class ProductRows:
 
     @classmethod
     def from_arrays(cls, description: Mapping[str, np.ndarray], file: ScratchFile | None = None) -> ProductRows:
-        """The rows that `arrays` described, in a file of their own or the one given."""
+        """The rows that `arrays` described, in a new file or the one given."""
         arrays = {name: description[name] for name in description}
         rows = cls(tuple(arrays["shape"].tolist()), file)
         before = rows._file.add(arrays["coefficients"])
@@ -389,16 +394,16 @@ class ProductRows:
 
 @dataclass(frozen=True, slots=True)
 class _Stored:
-    """A piece on disk."""
+    """A piece whose coefficients are on disk."""
 
     start: int
-    """First row of the piece in the cube; `stop` is the one after its last."""
+    """First row of the piece in the cube; `stop` is the one after its last row."""
     stop: int
     antenna: int
     offset: int
-    """Where its coefficients begin in the file [byte]."""
+    """Offset of its coefficients in the file [bytes]."""
     piece: Piece
-    """The piece with an array of coefficients that has no rows but their width."""
+    """The piece with an empty array of coefficients (0, width) in place of the stored ones."""
 
     @property
     def numbers(self) -> int:
@@ -406,7 +411,7 @@ class _Stored:
         return (self.stop - self.start) * self.piece.coefficients.shape[1]
 
     def rows(self, file: ScratchFile, first: int, last: int) -> Piece:
-        """Some rows of it."""
+        """The piece with some of its rows, read from the file."""
         width, skipped = self.piece.coefficients.shape[1], first - self.start
         coefficients = file.read(self.offset + skipped * width * DTYPE.itemsize, (last - first, width))
         phase = self.piece.phase
@@ -416,7 +421,8 @@ class _Stored:
 
 
 def _functions(piece: Piece) -> tuple[bytes, np.ndarray]:
-    """What a piece's coefficients are those of, complex (bucket x Q, sample), and a key that tells them."""
+    """The functions of the sample, complex (bucket x Q, sample), to which a piece's coefficients belong, and a key that identifies
+    them."""
     assert piece.weights is not None, "samples are no sum"
     carriers = np.exp(1j * np.outer(piece.theta, piece.x))
     key = piece.theta.tobytes() + piece.weights.tobytes()
@@ -424,7 +430,7 @@ def _functions(piece: Piece) -> tuple[bytes, np.ndarray]:
 
 
 def _orthonormal(functions: Sequence[np.ndarray]) -> np.ndarray:
-    """Orthonormal functions (K, sample) of which all of these (several, sample) are sums."""
+    """An orthonormal basis (K, sample) of given functions (several, sample)."""
     scaled, basis = functions[0][:0], functions[0][:0]
     for function in functions:
         _, values, basis = np.linalg.svd(np.concatenate([scaled, function]), full_matrices=False)
@@ -434,19 +440,19 @@ def _orthonormal(functions: Sequence[np.ndarray]) -> np.ndarray:
 
 
 class _Layer:
-    """Pieces in the order in which they were added: by windows of rows that follow one another, antenna by antenna in each."""
+    """Pieces in the order in which they were added: one window of rows after the other, antenna by antenna in each."""
 
     def __init__(self) -> None:
         self._pieces: list[_Stored] = []
         self._bounds: np.ndarray | None = None
-        """First rows of the pieces and the ones after their last, (2, piece), once they are asked for."""
+        """First rows of the pieces and the rows after their last, (2, piece); computed when first needed."""
 
     def add(self, piece: _Stored) -> None:
         self._pieces.append(piece)
         self._bounds = None
 
     def within(self, start: int, stop: int) -> Iterator[_Stored]:
-        """Pieces that hold any of rows start..stop."""
+        """Pieces that overlap rows start..stop."""
         if self._bounds is None:
             self._bounds = np.array([(piece.start, piece.stop) for piece in self._pieces]).reshape(-1, 2).T
         first, last = self._bounds

@@ -1,4 +1,4 @@
-"""A user's files and texts: ordinary files of bounded size, YAML that cannot grow, text that is safe to print."""
+"""Safe reading of a user's files and texts: regular files of bounded size, YAML that cannot grow without limit, printable text."""
 
 from __future__ import annotations
 
@@ -19,27 +19,29 @@ if TYPE_CHECKING:
 
 MAX_YAML_BYTES = 1_000_000
 MAX_YAML_VALUES = 20_000
-"""Twice what a radar of 1024 transmitters and as many receivers holds; an alias counts as all that it stands for."""
+"""Greatest number of values in a YAML text, twice those of a radar with 1024 transmitters and receivers each; an alias counts as
+everything that it stands for."""
 MAX_YAML_DEPTH = 50
 MAX_YAML_DIGITS = 400
-"""A float has at most 309 digits; a whole number of thousands of digits cannot even be printed."""
+"""Greatest number of digits of a YAML number: a float has at most 309, and an integer of thousands of digits cannot even be
+printed."""
 
 MAX_GZIP_MEMBERS = 10_000
-"""Those of a file of 150 MB that was packed in blocks of 64 kB are 2 300."""
+"""Greatest number of members of a gzip file; a file of 150 MB packed in blocks of 64 kB has 2 300."""
 GZIP_BLOCK = 65_536
 
 OPENING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0) | getattr(os, "O_BINARY", 0)
-"""How files are opened: without O_NONBLOCK the opening of a pipe waits for a writer; regular files take no notice of it."""
+"""Flags for opening files. Without O_NONBLOCK, opening a pipe waits for a writer; for regular files it has no effect."""
 
 
 def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
-    """All of a regular file of at most `limit` bytes; `noun` says in sentences what it should be ("radar file")."""
+    """Reads a regular file of at most `limit` bytes; `noun` is what error messages call it ("radar file")."""
     with regular_file(path, noun=noun) as file:
         length = os.fstat(file.fileno()).st_size
         data = None
         if length <= limit:
             data = file.read(length + 1) or b""  # None: a kernel's file that would have to be waited for
-            if len(data) > length:  # it grows, or has no size, as in /proc
+            if len(data) > length:  # the file grows, or has no size, as in /proc
                 data += file.read(limit + 1 - len(data)) or b""
     if data is None or len(data) > limit:
         raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
@@ -47,7 +49,7 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
 
 
 def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether it is in Fortran's order, and type of the array of a .npy file, whose values come next in the file."""
+    """Shape, Fortran order, and type of the array in a .npy file, which is then positioned at the values."""
     from numpy.lib import format as npy
 
     version = npy.read_magic(file)
@@ -59,7 +61,7 @@ def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
 
 @contextmanager
 def regular_file(path: str | Path, *, noun: str) -> Iterator[BinaryIO]:
-    """A regular file, open for reading; an InputError for pipes, devices and what cannot be read."""
+    """Opens a regular file for reading; raises an InputError for pipes, devices and what cannot be read."""
     path = file_path(f"the path of a {noun}", path)
     try:
         descriptor = os.open(path, OPENING)
@@ -84,10 +86,10 @@ def _kind(mode: int) -> str:
 
 
 def gunzip(data: bytes, path: str | Path, *, limit: int) -> bytes:
-    """The text of a gzip file, of all its members one after another; at most `limit` bytes."""
+    """Unpacks a gzip file with all its members, at most `limit` bytes."""
     texts: list[bytes] = []
     room, start, members = limit, 0, 0
-    while data[start : start + 1] != b"\0" or data[start:].strip(b"\0"):  # zeros pad the last block, as tapes had it
+    while data[start : start + 1] != b"\0" or data[start:].strip(b"\0"):  # zeros pad the last block, as on tapes
         member = zlib.decompressobj(wbits=31)
         while start < len(data) and not member.eof:
             piece = data[start : start + GZIP_BLOCK]
@@ -111,7 +113,7 @@ def gunzip(data: bytes, path: str | Path, *, limit: int) -> bytes:
 
 
 def size(count: int) -> str:
-    """A number of bytes in words."""
+    """A number of bytes as text, such as "1.5 MB"."""
     return f"{count / 1e6:.6g} MB" if count >= 1e6 else f"{count / 1e3:.6g} kB"
 
 
@@ -119,7 +121,7 @@ def size(count: int) -> str:
 
 
 def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
-    """The mapping of names and values in a YAML file; an InputError where it holds anything else."""
+    """Reads the mapping of names and values in a YAML file; raises an InputError where it holds anything else."""
     import yaml
 
     try:
@@ -135,7 +137,7 @@ def read_yaml(path: str | Path, *, noun: str, example: str) -> dict[str, Any]:
 
 
 def load_yaml(text: str) -> Any:
-    """The values of a YAML text; yaml.YAMLError where it is malformed, gives a key twice or goes beyond the limits."""
+    """The value of a YAML text; raises yaml.YAMLError where it is malformed, gives a key twice or exceeds the limits."""
     import yaml
 
     if len(text) > MAX_YAML_BYTES:
@@ -143,12 +145,12 @@ def load_yaml(text: str) -> Any:
     _check_growth(text)
     try:
         return yaml.load(text, Loader=_loader())
-    except ValueError as error:  # the thirteenth month, for one
+    except ValueError as error:  # such as a date in the thirteenth month
         raise yaml.YAMLError(str(error)) from None
 
 
 def _check_growth(text: str) -> None:
-    """Refuses a text whose nesting, values or aliases go beyond the limits, before anything is built of it."""
+    """Refuses a text whose nesting, values or aliases exceed the limits, before anything is built from it."""
     import yaml
 
     count = 0
@@ -188,20 +190,20 @@ def _events(text: str) -> Any:
     except (UnicodeEncodeError, ValueError, OverflowError) as error:
         raise yaml.YAMLError(f"it holds characters that no text has: {error}") from None
     except yaml.YAMLError as error:
-        if "maximum nesting depth" in str(error):  # of PyYAML 6.0.4, which reads ahead
+        if "maximum nesting depth" in str(error):  # an error of PyYAML 6.0.4, which reads ahead
             raise yaml.YAMLError(f"it is nested deeper than {MAX_YAML_DEPTH} levels") from None
         raise
 
 
 @cache
 def _loader() -> Any:
-    """PyYAML's safe loader that refuses a key given twice and numbers of thousands of digits."""
+    """PyYAML's safe loader, which in addition refuses a key given twice and numbers of thousands of digits."""
     import yaml
 
     class Loader(yaml.SafeLoader):
         def construct_mapping(self, node: Any, deep: bool = False) -> Any:
             if isinstance(node, yaml.MappingNode):
-                # Before a merge (<<) brings in keys, which those of the mapping itself may replace.
+                # Checked before a merge (<<) brings in keys, which the mapping's own keys may replace.
                 _check_keys([(key.tag, key.value) for key, _ in node.value if isinstance(key, yaml.ScalarNode)])
             return super().construct_mapping(node, deep=deep)
 

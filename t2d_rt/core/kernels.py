@@ -1,8 +1,9 @@
-"""Kernels of NumPy and OpenBLAS: which ones this process has, and how to start processes with those that all machines have.
+"""The kernels of NumPy and OpenBLAS: which ones this process uses, and how to start processes that use those common to all
+machines.
 
-Both libraries choose by the processor when they are loaded, and each choice rounds differently. Processes that must give the same
-bits on another machine get the kernels of AVX2 and FMA, which most processors for x86-64 have had since 2015.
-`T2D_RT_KERNELS=own` leaves each machine its own.
+Both libraries choose their kernels by processor when they are loaded, and different kernels round differently. Processes that must
+give the same bits on other machines use the kernels for AVX2 and FMA, which most x86-64 processors since 2015 have.
+`T2D_RT_KERNELS=own` leaves the choice to each machine.
 """
 
 from __future__ import annotations
@@ -16,21 +17,21 @@ from t2d_rt.core.checks import choice
 
 VARIABLE = "T2D_RT_KERNELS"
 COMMON = {"OpenBLAS Haswell", "NumPy AVX2"}
-"""The kernels of AVX2 and FMA, as `kernels` names them."""
+"""The kernels for AVX2 and FMA, in the form that `kernels` returns."""
 NEWER = "AVX512", "X86_V4"
-"""How NumPy's names of instructions beyond these begin."""
+"""Beginnings of NumPy's names for newer instructions than these."""
 
 
 def _features() -> tuple[set[str], list[str]]:
-    """Instructions that this process may use, and the sets of them for which NumPy has kernels, the newest last."""
+    """Instructions that this process may use, and the sets of instructions for which NumPy has kernels, the newest last."""
     from numpy._core import _multiarray_umath as numpy_core  # type: ignore[attr-defined]
 
     return {name for name, available in numpy_core.__cpu_features__.items() if available}, numpy_core.__cpu_dispatch__
 
 
 def common_kernels() -> dict[str, str]:
-    """Environment in which a process takes the kernels that all machines have; empty where this one has no AVX2, as on ARM, and it
-    takes its own, or where the user wants that. Raises InputError where T2D_RT_KERNELS is neither own nor common."""
+    """Environment variables with which a process uses the common kernels. Empty where this machine has no AVX2, such as on ARM, or
+    where the user wants the machine's own. Raises InputError where T2D_RT_KERNELS is neither own nor common."""
     chosen = choice(VARIABLE, os.environ.get(VARIABLE) or "common", ("own", "common"))
     used, built = _features()
     if chosen == "own" or not {"AVX2", "FMA3"} <= used:
@@ -41,7 +42,7 @@ def common_kernels() -> dict[str, str]:
 
 @functools.cache
 def kernels() -> tuple[str, ...]:
-    """What this process computes with, as ("OpenBLAS Haswell", "NumPy AVX2")."""
+    """Names of the kernels that this process uses, such as ("OpenBLAS Haswell", "NumPy AVX2")."""
     import scipy.linalg  # noqa: F401  # a BLAS of its own
     from threadpoolctl import threadpool_info
 
@@ -54,7 +55,7 @@ def kernels() -> tuple[str, ...]:
 
 
 def _numpy_level() -> str:
-    """The newest instructions of NumPy's kernels; the machine's kind where they are older than AVX2."""
+    """The newest instructions that NumPy's kernels use; the machine's architecture where they are older than AVX2."""
     used, built = _features()
     newer = [name for name in built if name.startswith(NEWER)]
     older = "AVX2" if {"AVX2", *built} - {*newer} <= used else platform.machine()
@@ -62,12 +63,12 @@ def _numpy_level() -> str:
 
 
 def has_common_kernels() -> bool:
-    """Whether this process computes with the kernels that all machines have, whatever it was told to do."""
+    """Whether this process uses the common kernels, whatever its environment says."""
     return set(kernels()) == COMMON
 
 
 def processor() -> str:
-    """Name of the processor, or the machine's kind where the system does not tell."""
+    """Name of the processor, or the machine's architecture where the system does not provide it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -78,5 +79,5 @@ def processor() -> str:
 
 @functools.cache
 def machine() -> str:
-    """The processor and the kernels of this process in one line."""
+    """The processor and the kernels of this process, in one line."""
     return ", ".join((processor(), *kernels()))

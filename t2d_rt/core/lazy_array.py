@@ -1,4 +1,5 @@
-"""A cube on disk as an xarray variable that is read when used. A module of its own: xarray takes longer to load than all else."""
+"""A cube on disk as an xarray variable that is read when it is used. A separate module, as xarray takes longer to load than
+everything else."""
 
 from __future__ import annotations
 
@@ -14,16 +15,17 @@ from t2d_rt.core.cubes import DiskCube
 
 
 def lazy_variable(cube: DiskCube) -> xr.Variable:
-    """(chirp, antenna, sample); holds the cube, so what is read from it is there as long as the variable or a part of it.
+    """The cube as a variable (chirp, antenna, sample). It holds a reference to the cube, so that samples can be read as long as the
+    variable or a part of it exists.
 
-    Assignments go to memory.
+    Assignments change a copy in memory.
     """
     read_when_used: Any = indexing.LazilyIndexedArray(_CubeArray(cube))
     return xr.Variable(DIMENSIONS, indexing.CopyOnWriteArray(read_when_used))
 
 
 class _CubeArray(BackendArray):
-    """What xarray reads from; it hands over the places that are asked for (xarray's guide "How to add a new backend")."""
+    """The array that xarray reads from; it passes the indices on to the cube (xarray's guide "How to add a new backend")."""
 
     def __init__(self, cube: DiskCube) -> None:
         self.cube, self.shape, self.dtype = cube, cube.shape, cube.dtype

@@ -1,5 +1,5 @@
-"""Installed packages: the versions of those that a result depends on; and what others add, radars, motion readers, movers,
-scatterers and models, by the entry points that they register (docs/extend.md)."""
+"""Installed packages: versions of those that a result depends on; and the entry points by which other packages add radars, motion
+readers, movers, scatterers and models (docs/extend.md)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Group = Literal["radars", "readers", "movers", "models", "scatterers"]
 
 
 def versions() -> dict[str, str]:
-    """Versions of what a result depends on."""
+    """Versions of t2d-rt and of the packages on which results depend."""
     names = "t2d-rt", "numpy", "scipy", "drjit", "mitsuba", "sionna-rt"
     return {"python": platform.python_version()} | {name: _version(name) for name in names}
 
@@ -30,7 +30,8 @@ def _version(name: str) -> str:
 
 
 def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
-    """Entry points of the group t2d_rt.GROUP by name, none of them loaded; a name that t2d-rt or another package has is refused."""
+    """Entry points of the group t2d_rt.GROUP by name, without loading them; refuses a name that t2d-rt or another package already
+    uses."""
     by_name: dict[str, EntryPoint] = {}
     for entry in _registered(group, tuple(sys.path)):
         if entry.name in built_in or entry.name in by_name:
@@ -44,15 +45,15 @@ def plugins(group: Group, built_in: Collection[str]) -> dict[str, EntryPoint]:
 
 @cache
 def _registered(group: Group, path: tuple[str, ...]) -> tuple[EntryPoint, ...]:
-    """Entry points of the packages that lie on Python's `path`; a search takes 30 ms, and a simulation asks twice."""
+    """Entry points of the packages on Python's `path`; cached, for a search takes 30 ms and a simulation needs them twice."""
     return tuple(entry_points(group=f"t2d_rt.{group}"))
 
 
 def loaded(entry: EntryPoint) -> Any:
-    """What an entry point names."""
+    """The object to which an entry point refers."""
     try:
         return entry.load()
-    except Exception as error:  # code of others
+    except Exception as error:  # other people's code may raise anything
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
             f"{entry.name} of the package {_package(entry)} cannot be loaded ({reason}); repair or uninstall that package"

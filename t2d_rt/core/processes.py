@@ -1,6 +1,6 @@
-"""Processes that end with the one that started them, however that one ends: SIGKILL and a lack of memory let nobody tidy up.
+"""Processes that end with the process that started them, even if that is killed (SIGKILL, lack of memory) and cannot clean up.
 
-PR_SET_PDEATHSIG would not do: it tells of the end of the thread that started a process, and Linux alone has it.
+PR_SET_PDEATHSIG is not used: it reacts to the end of the thread that started a process, and only Linux has it.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 INTERVAL_S = 0.25
-"""How often a worker looks whether its main process lives [s]."""
+"""Interval at which a worker checks whether its main process is alive [s]."""
 
 
 @functools.cache
 def end_with(parent: int) -> None:
-    """From now on this process ends as soon as `parent`, which started it, is no more its parent; one watch is enough for it."""
+    """Makes this process end as soon as `parent`, which started it, is no longer its parent; further calls have no effect."""
     if os.getppid() != parent:
         os._exit(1)
 
@@ -38,13 +38,13 @@ def end_with(parent: int) -> None:
 def run_guarded(
     command: Sequence[str], *, folder: Path, env: Mapping[str, str], limit_s: float, temporary: Sequence[Path] = ()
 ) -> subprocess.CompletedProcess[bytes]:
-    """What a foreign program gives back, as `subprocess.run` has it, and raises at the limit.
+    """Runs a foreign program as `subprocess.run` does; raises an error at the time limit.
 
-    A process beside watches over it: where this one ends first, it stops the program with all that the program has started, and
+    A guard process watches: if this process ends first, it stops the program with everything that the program has started, and
     removes the `temporary` folders.
     """
     guard = [sys.executable, "-I", "-S", __file__, str(len(temporary)), *map(str, temporary), *command]
-    ours, theirs = os.pipe()  # ours is at its end when nobody holds theirs any more
+    ours, theirs = os.pipe()  # the guard ends when nobody holds the other end of its pipe any more
     with os.fdopen(ours, "rb") as end, os.fdopen(theirs, "wb") as held:
         with subprocess.Popen(
             guard,
@@ -65,11 +65,11 @@ def run_guarded(
 
 
 NOT_FOUND, NOT_ALLOWED = 127, 126
-"""Exit codes for a program that is not there or may not be run, as a shell has them."""
+"""Exit codes of a program that does not exist or may not be executed, as in a shell."""
 
 
 def _guard(words: Sequence[str]) -> int:
-    """The process beside; it imports nothing of this package, and so starts within a hundredth of a second."""
+    """Code of the guard process. It imports nothing of this package, so that it starts within a hundredth of a second."""
     import select
 
     count = int(words[0])
@@ -81,7 +81,7 @@ def _guard(words: Sequence[str]) -> int:
     except OSError:
         return NOT_FOUND
     while (code := program.poll()) is None:
-        if select.select([sys.stdin], [], [], 0.05)[0]:  # nobody writes: the end
+        if select.select([sys.stdin], [], [], 0.05)[0]:  # end of file: no process holds the writing end
             with contextlib.suppress(ProcessLookupError):
                 os.killpg(program.pid, signal.SIGKILL)
             program.wait()

@@ -1,4 +1,4 @@
-"""How far a run is: a bar on a terminal or in a notebook, a line now and then where a log is written."""
+"""Progress of a run: a bar on a terminal or in a notebook, or occasional lines where a log is written."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from tqdm import tqdm
 
 SHOWN_AFTER_S = 2.0
-"""Shorter runs show nothing."""
+"""Duration below which a run shows nothing [s]."""
 BETWEEN_LINES_S = 30.0
-"""Time from one line in a log to the next, and to the first."""
+"""Time between two lines in a log, and before the first [s]."""
 
 
 class ProgressBar:
-    """Called with the fraction done, 0..1; shows itself on stderr once a run takes over two seconds.
+    """A progress bar, called with the fraction done, 0..1; it appears on stderr once a run takes over two seconds.
 
-    It ends at 1, when it is closed, or with the `with` block that it stands in.
+    It disappears at 1, when it is closed, or at the end of its `with` block.
     """
 
     def __init__(self, label: str) -> None:
@@ -43,7 +43,7 @@ class ProgressBar:
     def _draw(self, fraction: float) -> None:
         from tqdm import tqdm
 
-        if self._bar is None:  # not before: the time that it says is left must not count the preparation
+        if self._bar is None:  # only now, so that its estimate leaves out the preparation
             delay = max(1e-3, SHOWN_AFTER_S - (time.monotonic() - self._started))
             self._bar = tqdm(
                 total=1.0,
@@ -57,7 +57,7 @@ class ProgressBar:
         self._bar.update(fraction - self._bar.n)
 
     def _say(self, fraction: float) -> None:
-        """A line, and no carriage return: what is written to a file or through a pipe is not drawn over."""
+        """Writes a line without a carriage return, as files and pipes cannot be overwritten."""
         now = time.monotonic()
         if sys.stderr is None or now - self._said < BETWEEN_LINES_S or fraction >= 1:
             return
@@ -65,7 +65,7 @@ class ProgressBar:
         print(f"{self._label} {100 * fraction:.0f} % after {now - self._started:.0f} s", file=sys.stderr, flush=True)
 
     def close(self) -> None:
-        """Takes the bar away."""
+        """Removes the bar."""
         if self._bar is not None:
             self._bar.close()
             self._bar = None
@@ -78,7 +78,7 @@ class ProgressBar:
 
 
 def shown_progress(progress: Any, label: str) -> Callable[[float], None] | None:
-    """What a run is to tell its progress to: a bar for True, a user's function, or nothing for None and False."""
+    """The function to which a run reports its progress: a bar for True, a user's function, or None for None and False."""
     if progress is None or progress is False:
         return None
     if progress is True:
@@ -88,18 +88,18 @@ def shown_progress(progress: Any, label: str) -> Callable[[float], None] | None:
 
 
 def _redraws(stream: Any) -> bool:
-    """Whether what is written there is shown at once and can be drawn over: a terminal, or a notebook's cell."""
+    """Whether what is written to a stream appears at once and can be overwritten: a terminal, or a cell of a notebook."""
     return stream is not None and (stream.isatty() or type(stream).__module__.startswith("ipykernel"))
 
 
 def split_progress(progress: Callable[[float], None] | None, count: int) -> Iterator[Callable[[float], None] | None]:
-    """What tells the progress of each of `count` equal parts of a run."""
+    """Functions that report the progress of each of `count` equal parts of a run."""
     for number in range(count):
         yield stretch(progress, number / count, (number + 1) / count)
 
 
 def stretch(progress: Callable[[float], None] | None, start: float, stop: float) -> Callable[[float], None] | None:
-    """What tells the progress of that stretch of a run, 0..1 of it."""
+    """A function that reports the progress of a part of a run, 0..1, as that between `start` and `stop` of the whole."""
     return None if progress is None else partial(_report_within, progress, start, stop)
 
 

@@ -1,4 +1,4 @@
-"""Finds the data that the package ships: meshes, scenes and motions, in a checkout and in the wheel alike."""
+"""Finds the data that is shipped with the package (meshes, scenes, motions), both in a checkout and in an installed wheel."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _IN_CHECKOUT: dict[Kind, str] = {
 
 
 def folder(kind: Kind) -> Path:
-    """Folder of the shipped data: `t2d_rt/_data/<kind>` where installed, beside the package in a checkout."""
+    """Folder of shipped data: `t2d_rt/_data/<kind>` where installed, beside the package in a checkout."""
     for path in (_PACKAGE / "_data" / kind, _PACKAGE.parent / _IN_CHECKOUT[kind]):
         if path.is_dir():
             return path
@@ -28,7 +28,7 @@ def folder(kind: Kind) -> Path:
 
 
 def resource(kind: Kind, name: str) -> Path:
-    """Path of a shipped file, e.g. `resource("meshes", "adult.npz")`; the name may not lead out of the folder."""
+    """Path of a shipped file, e.g. `resource("meshes", "adult.npz")`; the name must not lead out of the folder."""
     root = folder(kind).resolve()
     path = (root / name).resolve() if "\0" not in name else root
     if path == root or not path.is_relative_to(root) or not path.exists():

@@ -1,4 +1,5 @@
-"""The arrays that an experiment names, kept under the hash of their content: collected, found, written and read."""
+"""The arrays to which an experiment refers, stored under the hash of their content: collecting, finding, writing and reading
+them."""
 
 from __future__ import annotations
 
@@ -17,20 +18,20 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 
 Inputs = Mapping[str, Mapping[str, np.ndarray]]
-"""Arrays by name, by the hash of their content."""
+"""Arrays by name, for each hash of their content."""
 Hash = Annotated[str, Field(pattern=r"[0-9a-f]{32}")]
 LARGEST_INPUT_BYTES = 2 * 2**30
-"""Largest size of one file of arrays, unpacked."""
+"""Greatest size of one file of arrays, unpacked [bytes]."""
 
 
 @dataclass(slots=True)
 class Store:
-    """Arrays that an experiment names, as they are collected."""
+    """Collects the arrays to which an experiment refers."""
 
     inputs: dict[str, dict[str, np.ndarray]]
 
     def keep(self, **arrays: np.ndarray) -> str:
-        """Stores arrays by name; their hash."""
+        """Stores arrays by name and returns their hash."""
         digest = hashlib.sha256()
         for name, array in arrays.items():
             digest.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
@@ -41,7 +42,7 @@ class Store:
 
 
 def named_arrays(inputs: Inputs, key: str, names: Sequence[str]) -> dict[str, np.ndarray]:
-    """The arrays of that hash, which must have these names."""
+    """The arrays with that hash, checked to have these names."""
     arrays = inputs.get(key)
     if arrays is None or set(arrays) != set(names):
         raise InputError(
@@ -51,14 +52,14 @@ def named_arrays(inputs: Inputs, key: str, names: Sequence[str]) -> dict[str, np
 
 
 def packed(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """A compressed .npz file."""
+    """The bytes of a compressed .npz file."""
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     return file.getvalue()
 
 
 def unpacked(path: Path) -> dict[str, np.ndarray]:
-    """What `packed` wrote, checked against the hash that is the file's name."""
+    """Reads a file that `packed` wrote, and checks its content against the hash in the file's name."""
     data = read_bytes(path, limit=LARGEST_INPUT_BYTES, noun="file of arrays")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as members:
@@ -69,7 +70,7 @@ def unpacked(path: Path) -> dict[str, np.ndarray]:
             arrays = {name: file[name] for name in file.files}
     except InputError:
         raise
-    except Exception as error:  # files of any content
+    except Exception as error:  # a damaged file may raise anything
         raise InputError(f"{path} is not a whole file of arrays ({error}); simulate the recording again") from None
     if Store({}).keep(**arrays) != path.stem:
         raise InputError(f"{path} is damaged: its arrays are not those that its name is the hash of; simulate it again")

@@ -1,4 +1,4 @@
-"""Surfaces as arrays: refinement on one fixed curved surface, points spread over it, what lies inside."""
+"""Surfaces as arrays: refinement of meshes on a smooth surface, points distributed over a surface, and tests for inside."""
 
 from t2d_rt.geometry.curved import curved_refinements
 from t2d_rt.geometry.refine import Refinement, SubdividedMesh, curvature, refinements

@@ -41,20 +41,22 @@ from t2d_rt.geometry.subdivide import (
 from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 MOST_SUBDIVISIONS = 24
-"""Subdivisions of a face beside an irregular vertex; a point closer to it takes the vertex's own place."""
+"""Greatest number of subdivisions of a face at an irregular vertex; a point that is still closer to the vertex gets the vertex's
+position."""
 KEPT_MESHES = 8
-"""Meshes whose first subdivisions are kept, the last used ones: some 2 kB a face."""
+"""Number of meshes whose first subdivisions are cached, at some 2 kB per face."""
 INTERPOLATION_TERMS = 2
-"""Terms of `control_points`. With 2, 3, 4, 8 terms, 25 000 facets of a walking body err by -27.6, -25.6, -25.3, -25.6 dB, and its
-volume is 0.14, 0.02, 0.01 and 0 % too small."""
+"""Number of terms in `control_points`. With 2, 3, 4 or 8 terms, 25 000 facets of a walking body have errors of -27.6, -25.6, -25.3
+and -25.6 dB, and the volume is 0.14, 0.02, 0.01 and 0 % too small."""
 
 
 def control_points(faces: np.ndarray, vertex_count: int) -> Csr:
-    """Control points = matrix (V, V) @ vertices of a closed mesh; their surface runs through the vertices, but for the mesh's
-    finest detail.
+    """Matrix (V, V) from the vertices of a closed mesh to control points whose surface passes through the vertices, except for the
+    finest detail of the mesh.
 
-    With L the matrix of limit positions, 1/L = sum over k of (1 - L)^k, taken to INTERPOLATION_TERMS. (1 - L)^terms of the vertices
-    is left: next to nothing of what varies slowly over the mesh, and much of its roughness, which facets would have to follow.
+    With L the matrix of limit positions, 1/L = sum over k of (1 - L)^k, truncated to INTERPOLATION_TERMS. The remainder is (1 -
+    L)^terms of the vertices: almost nothing of what varies slowly over the mesh, and much of its roughness, which facets would
+    otherwise have to follow.
     """
     from scipy import sparse
 
@@ -69,9 +71,9 @@ def control_points(faces: np.ndarray, vertex_count: int) -> Csr:
 
 
 def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights: np.ndarray) -> Csr:
-    """Places on the surface = matrix (N, V) @ control points; each row sums to 1.
+    """Matrix (N, V) from control points to points on the surface; each row sums to 1.
 
-    They lie in faces `face` (N,) of the mesh of control points, closed, at barycentric `weights` (N, 3).
+    The points lie in the faces `face` (N,) of the closed mesh of control points, at barycentric coordinates `weights` (N, 3).
     """
     from scipy import sparse
 
@@ -100,24 +102,25 @@ def surface_rows(faces: np.ndarray, vertex_count: int, face: np.ndarray, weights
 
 @dataclass(frozen=True, slots=True)
 class _Level:
-    """A mesh after some subdivisions, around some of its faces."""
+    """A mesh after some subdivisions, restricted to the neighbourhood of some of its faces."""
 
     mesh: Topology
     valence: np.ndarray
     operator: Csr
-    """Control points of the level from those of the mesh itself."""
+    """Matrix from the control points of the original mesh to those of this level."""
     parents: np.ndarray
-    """Faces of the level above that it has the children of, 4 f .. 4 f + 3 of the f-th one."""
+    """Faces of the level above whose children this level has: those of the f-th one are 4 f .. 4 f + 3."""
 
     @property
     def regular(self) -> np.ndarray:
-        """Which faces have corners of six neighbours each, bool (F,)."""
+        """Whether all corners of each face have six neighbours, bool (F,)."""
         return all_of_three((self.valence == 6)[self.mesh.faces])
 
     def next_about(self, face: np.ndarray) -> _Level:
-        """The next level, around some faces (N,).
+        """The next level around some faces (N,).
 
-        Only the faces that touch these are kept; of what that makes, all that their children's surface depends on is right.
+        Only faces that touch these are subdivided. Vertices at the margin are wrong, but nothing that determines the surface within
+        the children of these faces.
         """
         from scipy import sparse
 
@@ -142,13 +145,13 @@ class _Level:
 
 @lru_cache(maxsize=KEPT_MESHES)
 def _levels(faces: bytes, vertex_count: int) -> list[_Level]:
-    """A closed mesh, and what it becomes around its irregular vertices after one and two subdivisions: the same for all bodies of
-    one mesh, and for all of their facets. Few places need more."""
+    """A closed mesh, and its first and second subdivision around irregular vertices; shared by all bodies with the same mesh. Few
+    points on a surface need more levels."""
     from scipy import sparse
 
     mesh = _closed(np.frombuffer(faces, np.int64).reshape(-1, 3), vertex_count)
     levels = [_Level(mesh, mesh.valence, sparse.eye_array(vertex_count, format="csr"), np.zeros(0, np.int64))]
-    inside = np.arange(len(mesh.faces))  # around these all is there
+    inside = np.arange(len(mesh.faces))  # the whole mesh, around these faces
     for _ in range(2):
         face = inside[~levels[-1].regular[inside]]
         if not len(face):
@@ -159,7 +162,7 @@ def _levels(faces: bytes, vertex_count: int) -> list[_Level]:
 
 
 def _closed(faces: np.ndarray, vertex_count: int) -> Topology:
-    """The topology of a mesh each of whose edges joins two faces; an InputError for any other."""
+    """Topology of a closed mesh, every edge of which joins two faces; raises an InputError for any other."""
     mesh = topology(faces, vertex_count)
     if mesh.sharp.any():
         raise InputError(
@@ -178,18 +181,18 @@ def _neighbours(mesh: Topology) -> Csr:
 
 
 def _next_weight(valence: np.ndarray) -> np.ndarray:
-    """Weight of each neighbour in a vertex's place after a subdivision."""
+    """Weight of each neighbour in the position of a vertex after one subdivision."""
     return (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
 
 
 def _limit_weights(valence: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of a vertex and of each neighbour in its place on the surface."""
+    """Weights of a vertex, and of each of its neighbours, in its position on the limit surface."""
     ring = 1 / (valence + 3 / (8 * _next_weight(valence)))
     return 1 - valence * ring, ring
 
 
 def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
-    """Places on the surface of some vertices, (N, V)."""
+    """Matrix (N, V) for the positions of some vertices on the limit surface."""
     from scipy import sparse
 
     centre, ring = _limit_weights(valence[vertex])
@@ -198,8 +201,8 @@ def _limit_rows(mesh: Topology, valence: np.ndarray, vertex: np.ndarray) -> Csr:
 
 
 def _ring(mesh: Topology, face: np.ndarray) -> np.ndarray:
-    """Twelve control points around faces (N,), (N, 12), in four kinds of one for each corner: itself, the one beyond the edge to
-    the next corner, and its own neighbours on the side of the corner before it and of the next."""
+    """The twelve control points around each of some faces (N,), (N, 12), in four groups with one for each corner: the corner; the
+    vertex beyond the edge to the next corner; the corner's other neighbours on the side of the previous corner, and of the next."""
     tail, twin = mesh.faces.ravel(), mesh.twin
     half = 3 * face[:, None] + np.arange(3)
     out, into = twin[half], twin[previous_half(half)]
@@ -210,12 +213,12 @@ def _ring(mesh: Topology, face: np.ndarray) -> np.ndarray:
 
 
 def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
-    """Places in faces whose corners all have six neighbours, (N, V)."""
+    """Matrix (N, V) for points in faces all of whose corners have six neighbours."""
     from scipy import sparse
 
     u, v, w = (
         np.take(weights, [(k + i) % 3 for i in range(3)], axis=1) for k in range(3)
-    )  # of each corner, of the next one and of the one before
+    )  # for each corner: its own coordinate, that of the next corner and that of the previous one
     u2, v2, w2 = u * u, v * v, w * w
     corner = (
         6 * u2 * u2 + 24 * u2 * u * (v + w) + u2 * (24 * v2 + 60 * v * w + 24 * w2)
@@ -233,14 +236,14 @@ def _box_spline(mesh: Topology, face: np.ndarray, weights: np.ndarray) -> Csr:
 
 
 PARTS = 1 << 16
-"""Barycentric coordinates are whole numbers that add up to this."""
+"""Sum of the integer barycentric coordinates that nodes have."""
 MOST_LEVELS = 12
-"""An edge is halved at most so often."""
+"""Greatest number of times that an edge is halved."""
 LEAST_SPLIT = 0.5
-"""An edge of a facet that is split is split with it where its own sagitta exceeds this fraction of the limit."""
+"""Other edges of a facet that is split are split as well where their own sagitta exceeds this fraction of the limit."""
 MOST_WAVELENGTHS = 4.5
-"""An edge is at most so long at a limit of 1 rad, and goes with the root of the limit: where a limb rotates, the phases of a long
-facet part between surface frames."""
+"""Greatest length of an edge, in wavelengths, at a limit of 1 rad; it is proportional to the root of the limit. Where a limb
+rotates, the phases within a longer facet would diverge between surface frames."""
 
 
 def curved_refinements(
@@ -253,8 +256,8 @@ def curved_refinements(
     max_faces: int,
     max_edge_m: float | None = None,
 ) -> list[Refinement]:
-    """Curved facets of a closed mesh (V, 3), (F, 3) for each limit, one number or one per vertex (V,); edges are no longer than
-    `max_edge_m`, by default `MOST_WAVELENGTHS`."""
+    """Curved facets of a closed mesh (V, 3), (F, 3) for each of some limits of the phase sagitta, one number or one per vertex
+    (V,). Edges are no longer than `max_edge_m`, by default `MOST_WAVELENGTHS`."""
     surface = _Surface(np.asarray(rest, float), faces)
     return [
         surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces, max_edge_m) for limit in sagittas_rad
@@ -272,7 +275,7 @@ class _Surface:
     def refined(
         self, wavenumber: float, range_m: float, limit_rad: np.ndarray, max_faces: int, max_edge_m: float | None
     ) -> Refinement:
-        """Facets for one limit."""
+        """The facets for one limit."""
         count = len(self.mesh.faces)
         limits = np.broadcast_to(limit_rad, (len(self.points),))[self.mesh.faces]
         face, corners = np.arange(count), np.tile(PARTS * np.eye(3, dtype=np.int64), (count, 1, 1))
@@ -294,7 +297,7 @@ class _Surface:
             face = face[parent]
             if len(face) > max_faces:
                 raise too_many_faces(len(face), max_faces)
-            # Facets that stay have numbers for all of their nodes.
+            # facets that stay have the indices of all their nodes
             nodes = np.concatenate([nodes[parent[:same]], node_table.numbers(face[same:], corners[same:])])
         used, nodes = np.unique(nodes, return_inverse=True)
         nodes = nodes.reshape(-1, 6).astype(np.int32)
@@ -309,14 +312,15 @@ class _Surface:
         )
 
     def ids(self, face: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """A number for each place, the same from all faces that it lies in: of the vertex, edge or face, and where in it."""
+        """An integer for each position on the surface, the same for all faces that share it: it encodes the vertex, edge or face
+        and the position within."""
         mesh, zeros = self.mesh, place == 0
         count = zeros[:, 0].astype(np.int8) + zeros[:, 1] + zeros[:, 2]
         owner = mesh.vertex_count + len(mesh.edges) + face
         first, second = place[:, 0].copy(), np.where(count, 0, place[:, 1])
         on_vertex = np.flatnonzero(count == 2)
-        # The corner is the one part that is not zero.
-        # Where one weight is zero the place lies on an edge, where two are, on a vertex: both belong to several faces.
+        # at a corner exactly one coordinate is not zero
+        # A position with one zero coordinate is on an edge, with two it is on a vertex: both belong to several faces.
         owner[on_vertex] = mesh.faces[face[on_vertex], 2 - 2 * ~zeros[on_vertex, 0] - ~zeros[on_vertex, 1]]
         first[on_vertex] = 0
         on_edge = np.flatnonzero(count == 1)
@@ -330,7 +334,7 @@ class _Surface:
 
 
 class _Nodes:
-    """Nodes on a surface, each evaluated once."""
+    """Nodes on the surface, each evaluated only once."""
 
     def __init__(self, surface: _Surface) -> None:
         self._surface = surface
@@ -338,10 +342,10 @@ class _Nodes:
         self._numbers = np.empty(0, np.int64)
         self._rows: list[tuple[Csr, Csr]] = []
         self.places = np.empty((0, 3))
-        """Places at rest (N, 3)."""
+        """Positions of the nodes at rest [m], (N, 3)."""
 
     def numbers(self, face: np.ndarray, corners: np.ndarray) -> np.ndarray:
-        """Numbers (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""
+        """Indices (N, 6) of the nodes of facets with `corners` (N, 3, 3) in faces (N,), corners first."""
         six = _with_middles(corners).reshape(-1, 3)
         face = np.repeat(face, 6)
         ids, order, starts, inverse = distinct(self._surface.ids(face, six))
@@ -353,14 +357,14 @@ class _Nodes:
         return np.asarray(self._numbers[np.searchsorted(self._ids, ids)][inverse.reshape(-1, 6)])
 
     def rows(self, numbers: np.ndarray) -> tuple[Csr, Csr]:
-        """Rows of some nodes on the control points, and rows that are linear within the faces."""
+        """For some nodes: rows of the matrix from control points, and rows that interpolate linearly within the faces."""
         from scipy import sparse
 
         operator, linear = (sparse.vstack(rows, format="csr")[numbers] for rows in zip(*self._rows, strict=True))
         return operator, linear
 
     def _add(self, ids: np.ndarray, face: np.ndarray, place: np.ndarray) -> None:
-        """Evaluates new nodes, of ids (N,), at places (N, 3) in faces (N,), and keeps the ids sorted for `numbers`."""
+        """Evaluates new nodes with ids (N,) at barycentric positions (N, 3) in faces (N,); keeps the ids sorted for `numbers`."""
         from scipy import sparse
 
         surface, weights = self._surface, place / PARTS
@@ -379,14 +383,15 @@ class _Nodes:
 
 
 def _with_middles(corners: np.ndarray) -> np.ndarray:
-    """Corners (N, 3, 3) and the middles of their edges, (N, 6, 3)."""
+    """Corners (N, 3, 3) followed by the middles of the edges, (N, 6, 3)."""
     return np.concatenate([corners, (corners + np.roll(corners, -1, axis=1)) // 2], axis=1)
 
 
 def _edge_sagittas(nodes: np.ndarray, places: np.ndarray, wavenumber: float, range_m: float) -> np.ndarray:
-    """Phase sagittas q of edges 01, 12, 20 (N, 3) [rad] of all facets, their nodes numbered (N, 6) and at `places`, as in `refine`.
+    """Phase sagittas of edges 01, 12, 20 of facets [rad], (N, 3), as in `refine`; nodes have indices (N, 6) into `places`.
 
-    Depth is along the surface's normal; that of a narrow facet would take its nodes' drift within the surface for curvature.
+    Depth is measured along the surface's normal: the normal of a narrow facet would make the drift of its nodes within the surface
+    look like curvature.
     """
     corners, middles = places[nodes[:, :3]], places[nodes[:, 3:]]
     ends = np.roll(corners, -1, axis=1)
@@ -399,14 +404,14 @@ def _edge_sagittas(nodes: np.ndarray, places: np.ndarray, wavenumber: float, ran
 
 
 def _split(sagitta: np.ndarray) -> np.ndarray:
-    """Edges to be split (N, 3), of facets whose edges have sagittas (N, 3) in units of the limit."""
+    """Which edges are split, (N, 3), for facets whose edges have sagittas (N, 3) in units of the limit."""
     return (sagitta.mean(axis=1, keepdims=True) > 1) & (sagitta > LEAST_SPLIT)
 
 
 def _children(corners: np.ndarray, places: np.ndarray, split: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """Facets that others with `corners` (N, 3, 3) fall into by their split edges (N, 3); nodes are at `places` (N, 6, 3).
+    """Divides facets with `corners` (N, 3, 3) by their split edges (N, 3); nodes are at `places` (N, 6, 3).
 
-    How many are not split, which come first; the facet that each lies in (M,); their corners (M, 3, 3).
+    Returns how many are not split, which come first; the facet that contains each new one (M,); their corners (M, 3, 3).
     """
     any_split = any_of_three(split)
     same, parents = np.flatnonzero(~any_split), np.flatnonzero(any_split)

@@ -1,4 +1,4 @@
-"""Uniform butterfly levels of a mesh, built where its facets are too large, and which edges and faces of each are split."""
+"""Uniform butterfly levels of a mesh, built only where facets are too large, and which edges and faces of each level are split."""
 
 from __future__ import annotations
 
@@ -20,45 +20,46 @@ from t2d_rt.geometry.subdivide import (
 )
 
 HALO_RINGS = 4
-"""Rings of faces subdivided around the red ones: the grading adds up to 3, and stencils reach 1 further."""
+"""Rings of faces subdivided around the split ones: grading adds up to 3 rings, and stencils reach one further."""
 
 
 @dataclass(slots=True, kw_only=True)
 class ButterflyLevel:
-    """The part of a uniform butterfly level that is built, and what is split of it. `ids` count over all levels.
+    """The built part of a uniform butterfly level, and which of its edges and faces are split. `ids` are indices of vertices over
+    all levels.
 
-    While levels are built for B limits together, `split` and `red` have one row for each.
+    While levels are built for B limits together, `split` and `red` have one row for each limit.
     """
 
     topology: Topology
     corners: np.ndarray
-    """Corners of sharp curves, (V,)."""
+    """Vertices that are corners of sharp curves, (V,)."""
     ids: np.ndarray
-    """Id of each vertex, (V,)."""
+    """Index of each vertex over all levels, (V,)."""
     crease: np.ndarray
-    """Edges sharp on the surface (not those where the built part ends), (E,)."""
+    """Edges that are sharp on the surface (those at the margin of the built part are not), (E,)."""
     parent: np.ndarray
-    """Face of the level before that each face is a quarter of, (F,)."""
+    """Face of the previous level of which each face is a quarter, (F,)."""
     base: np.ndarray
-    """Coarse face that each face lies in, (F,)."""
+    """Coarse face in which each face lies, (F,)."""
     points: np.ndarray
-    """Rest positions, (V, 3)."""
+    """Positions at rest [m], (V, 3)."""
     scale: np.ndarray
-    """Per vertex: 1/R, and 2 k / (6 s) for each limit, (V, 1 + B)."""
+    """For each vertex 1/R, and 2 k / (6 s) for each limit, (V, 1 + B)."""
     middle: Csr = None
-    """Butterfly midpoints, (E, V); rows are empty until they are asked for (`complete`)."""
+    """Matrix of the butterfly midpoints, (E, V); rows are empty until they are needed (`complete`)."""
     split: np.ndarray = field(default_factory=partial(np.empty, 0, bool))
-    """Edges to be split, (B, E) or (E,)."""
+    """Edges that are split, (B, E) or (E,)."""
     red: np.ndarray = field(default_factory=partial(np.empty, 0, bool))
-    """Faces to be split in four, (B, F) or (F,)."""
+    """Faces that are split into four, (B, F) or (F,)."""
     middle_ids: np.ndarray = field(default_factory=partial(np.empty, 0, np.int64))
-    """Id of each edge's midpoint, -1 where none is made, (E,)."""
+    """Index of each edge's midpoint over all levels, -1 where there is none, (E,)."""
 
 
 def build_levels(
     rest: np.ndarray, faces: np.ndarray, scale: np.ndarray, crease_deg: float, max_faces: int
 ) -> tuple[list[ButterflyLevel], list[Csr], list[Csr]]:
-    """Uniform levels where they are needed, and the matrices that make each level's new vertices from all before."""
+    """Uniform levels where they are needed, and the matrices that compute each level's new vertices from all earlier ones."""
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     everything = np.arange(len(mesh.faces))
@@ -75,7 +76,7 @@ def build_levels(
     _mark(level, np.ones((scale.shape[1] - 1, len(mesh.faces)), bool))
     levels, steps, linear_steps, count = [level], [], [], len(rest)
     while level.split.any():
-        # Midpoints within the halo are made although nothing of it is split: stencils of the next level reach into it.
+        # Midpoints in the halo are computed although nothing there is split, because stencils of the next level reach into it.
         inside = _grow(level.topology, np.any(level.red, axis=0))
         cut_edges = np.any(level.split, axis=0) | _edges_of(level.topology, inside)
         complete(level, cut_edges)
@@ -94,14 +95,14 @@ def build_levels(
 
 
 def _mark(level: ButterflyLevel, chosen: np.ndarray) -> None:
-    """Finds the midpoints of the faces `chosen` for any limit, (B, F), and the edges and faces that these split."""
+    """Computes the midpoints of the faces `chosen` for each limit, (B, F), and marks the edges and faces that are split."""
     topology, points = level.topology, level.points
     any_chosen = np.any(chosen, axis=0)
     level.middle = midpoints(topology, level.corners, points, _edges_of(topology, any_chosen))
     a, b = (points.take(topology.edges[:, j], axis=0) for j in range(2))
     depth = edge_depths(topology, level.middle @ points - (a + b) / 2, points, any_chosen)
     length2 = ((b - a) ** 2).sum(axis=1)
-    # q = 2 k / 6 (8 d + L^2 / R), as `refine` has it with kappa L^2 = 8 d.
+    # q = 2 k / 6 (8 d + L^2 / R), as in `refine` with kappa L^2 = 8 d
     nearness, *limits = level.scale[topology.edges].mean(axis=1).T
     curved = 8 * depth + length2 * nearness
     marks = [_split(topology, limit * curved, faces) for limit, faces in zip(limits, chosen, strict=True)]
@@ -109,8 +110,8 @@ def _mark(level: ButterflyLevel, chosen: np.ndarray) -> None:
 
 
 def _split(mesh: Topology, sagitta: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges to be split (E,) and faces to be quartered (F,) for what is `chosen`; `sagitta` in units of the limit."""
-    # Halving the edges of a face divides its sagitta by 4: at more than 4 a face needs another level whatever its edges do.
+    """Edges to be split (E,) and faces to be quartered (F,) among the `chosen` faces; `sagitta` in units of the limit."""
+    # Halving the edges of a face divides its sagitta by 4: above 4 a face needs another level, whatever its edges do.
     facet = sagitta[mesh.face_edges].mean(axis=1)
     split = _edges_of(mesh, chosen & (facet > 1)) & (sagitta > 1)
     red = (chosen & (facet > 4)) | all_of_three(split[mesh.face_edges])
@@ -118,16 +119,17 @@ def _split(mesh: Topology, sagitta: np.ndarray, chosen: np.ndarray) -> tuple[np.
 
 
 def complete(level: ButterflyLevel, needed: np.ndarray) -> None:
-    """Adds what is missing of the midpoints of the `needed` edges, bool (E,): most of those in the halo stay unused."""
+    """Computes the missing midpoints of the `needed` edges, bool (E,); most of those in the halo are never needed."""
     missing = needed & (np.diff(level.middle.indptr) == 0)
     if missing.any():
         level.middle = level.middle + midpoints(level.topology, level.corners, level.points, missing)
 
 
 def edge_depths(mesh: Topology, offset: np.ndarray, points: np.ndarray, chosen: np.ndarray) -> np.ndarray:
-    """Depth (E,) of offsets (E, 3) along the normals of the faces beside each edge: drift within the surface is no curvature.
+    """Depth (E,) of offsets (E, 3) of midpoints along the normals of the faces beside each edge; drift within the surface is no
+    curvature.
 
-    Only edges of `chosen` faces are evaluated, the others' depth is 0.
+    Only edges of `chosen` faces are evaluated, the depth of others is 0.
     """
     edges = _edges_of(mesh, chosen)
     faces = any_of_three(edges[mesh.face_edges])
@@ -146,7 +148,7 @@ def _edges_of(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
 
 
 def _next_level(level: ButterflyLevel, inside: np.ndarray) -> ButterflyLevel:
-    """The children of the faces `inside`."""
+    """The next level, with the children of the faces `inside`."""
     mesh = level.topology
     here = np.flatnonzero(inside)
     old_vertices = np.flatnonzero(np.bincount(mesh.faces[here].ravel()))
@@ -177,7 +179,7 @@ def _next_level(level: ButterflyLevel, inside: np.ndarray) -> ButterflyLevel:
 
 
 def _grow(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
-    """Faces within `HALO_RINGS` rings of the chosen ones, neighbours by a vertex, (F,)."""
+    """Faces within `HALO_RINGS` rings of the chosen ones, bool (F,); faces that share a vertex are neighbours."""
     for _ in range(HALO_RINGS):
         if chosen.all():
             break
@@ -188,17 +190,17 @@ def _grow(mesh: Topology, chosen: np.ndarray) -> np.ndarray:
 
 
 def any_of_three(three: np.ndarray) -> np.ndarray:
-    """Whether any of each three is true, (N,) of (N, 3); numpy's own `any` takes ten times as long on so short an axis."""
+    """Whether any of each three values is true, (N,) from (N, 3); numpy's own `any` takes ten times as long on so short an axis."""
     return three[:, 0] | three[:, 1] | three[:, 2]
 
 
 def all_of_three(three: np.ndarray) -> np.ndarray:
-    """Whether all of each three are true, (N,) of (N, 3)."""
+    """Whether all of each three values are true, (N,) from (N, 3)."""
     return three[:, 0] & three[:, 1] & three[:, 2]
 
 
 def chords(mesh: Topology) -> Csr:
-    """Mean of each edge's ends, (E, V)."""
+    """Matrix (E, V) for the mean of each edge's ends."""
     from scipy import sparse
 
     count = len(mesh.edges)
@@ -208,7 +210,7 @@ def chords(mesh: Topology) -> Csr:
 
 
 def renamed_columns(matrix: Csr, ids: np.ndarray, count: int) -> Csr:
-    """The matrix with its columns renamed to ids over all levels."""
+    """The matrix with its columns moved to the vertices' indices over all levels."""
     from scipy import sparse
 
     return sparse.csr_matrix((matrix.data, ids[matrix.indices], matrix.indptr), shape=(matrix.shape[0], count))

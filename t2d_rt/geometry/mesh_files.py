@@ -1,4 +1,4 @@
-"""Triangle meshes from PLY and OBJ files, read strictly: nothing is allocated that the file does not hold."""
+"""Reads triangle meshes from PLY and OBJ files, strictly: no more memory is allocated than the content of the file needs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 
 MAX_MESH_BYTES = 16_000_000
 MAX_ROWS = 500_000
-"""Vertices, and faces, of a file: as many as a whole scene may have."""
+"""Greatest number of vertices, and of faces, in a file: as many as a whole scene may have."""
 MAX_PROPERTIES = 20
 _NAMES = "char int8 uchar uint8 short int16 ushort uint16 int int32 uint uint32 float float32 double float64"
 TYPES = dict(zip(_NAMES.split(), "bbBBhhHHiiIIffdd", strict=True))
@@ -36,7 +36,7 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def parsed_mesh(data: bytes, path: Path) -> Mesh:
-    """The mesh in the bytes of the file at `path`, whose suffix says which format it is."""
+    """The mesh in the bytes of the file at `path`, whose suffix determines the format."""
     try:
         if path.suffix.lower() == ".ply":
             return _checked(*_ply(data))
@@ -48,11 +48,11 @@ def parsed_mesh(data: bytes, path: Path) -> Mesh:
 
 
 def _checked(points: np.ndarray | Sequence[Sequence[float]], polygons: Sequence[Sequence[int]]) -> Mesh:
-    """Vertices and triangles of polygons, each cut into a fan around its first corner; refuses what is not finite or names no
-    vertex."""
+    """Vertices and triangles of polygons, each divided into a fan around its first corner; refuses values that are not finite and
+    indices without a vertex."""
     if not len(points) or not polygons:
         raise InputError("holds no face" if len(points) else "holds no vertex")
-    with np.errstate(over="ignore"):  # what does not fit float32 is found to be infinite below
+    with np.errstate(over="ignore"):  # values that exceed float32 become infinite here and are refused below
         vertices = np.array(points, np.float64).astype(np.float32).astype(np.float64)
     if not np.isfinite(vertices).all():
         raise InputError(f"has {np.count_nonzero(~np.isfinite(vertices))} NaN or infinite coordinates")
@@ -74,17 +74,17 @@ def _check_count(count: int, noun: str) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Property:
-    """A column of a PLY element: a scalar, or a list whose length stands before it."""
+    """A column of a PLY element: a scalar, or a list preceded by its length."""
 
     name: str
     kind: str
     count_kind: str = ""
-    """Type of the number before a list; empty for a scalar."""
+    """Type of the length of a list; empty for a scalar."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Element:
-    """A table of a PLY file: so many rows of these properties."""
+    """A table of a PLY file: its number of rows and their properties."""
 
     name: str
     count: int
@@ -92,7 +92,7 @@ class _Element:
 
     @property
     def names(self) -> list[str]:
-        """Names of its properties, in their order."""
+        """Names of its properties, in order."""
         return [column.name for column in self.properties]
 
 
@@ -118,8 +118,8 @@ def _ply(data: bytes) -> tuple[np.ndarray, list[list[int]]]:
 
 
 def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
-    """Byte order (empty for ASCII), the elements vertex and face, and where their values begin."""
-    # The lazy group takes the shortest header, for "end_header" may stand in the values, too.
+    """Byte order (empty for ASCII), the elements vertex and face, and the offset of their values."""
+    # The lazy group matches the shortest header, as "end_header" may occur in the values, too.
     header = re.match(rb"ply[ \t]*\r?\n(.*?\n)??end_header[ \t]*\r?\n", data[:64_000], re.DOTALL)
     if header is None:
         raise InputError("is not a PLY file: it has no header from 'ply' to 'end_header'")
@@ -149,7 +149,7 @@ def _ply_header(data: bytes) -> tuple[str, list[_Element], int]:
 
 
 def _check_elements(elements: list[_Element]) -> None:
-    """Whether vertices of three coordinates come first, and then faces of one list of whole numbers."""
+    """Refuses a file unless it begins with vertices of three coordinates, followed by faces of one list of integers."""
     if [element.name for element in elements[:2]] != ["vertex", "face"]:
         raise InputError("has a PLY header that does not begin with element vertex and then element face")
     vertex, face = elements[:2]
@@ -168,20 +168,20 @@ def _check_elements(elements: list[_Element]) -> None:
 
 
 def _count(values: _Binary | _Ascii, column: _Property) -> int:
-    """How many values of a property come next: as the number before a list says."""
+    """Number of values of a property that come next, which for a list is given by the number before it."""
     return int(values.take(column.count_kind, 1)[0]) if column.count_kind else 1
 
 
 class _Binary:
-    """Numbers one after another in bytes; struct.error where they end."""
+    """Reads numbers one after another from bytes; raises struct.error where they end."""
 
     def __init__(self, data: bytes, start: int, order: str) -> None:
         self._data, self._at, self._order = data, start, order
 
     def take(self, kind: str, count: int) -> list[Any]:
-        """The next ones, of a type."""
+        """The next `count` values of a type."""
         length = count * struct.calcsize("=" + kind)
-        if not 0 <= length <= len(self._data) - self._at:  # before a format of that length is made
+        if not 0 <= length <= len(self._data) - self._at:  # checked before a format string of that length is made
             raise struct.error
         values = struct.unpack_from(f"{self._order}{count}{kind}", self._data, self._at)
         self._at += length
@@ -198,13 +198,13 @@ class _Binary:
 
 
 class _Ascii:
-    """Numbers one after another in words; struct.error where they end, ValueError where a word is none."""
+    """Reads numbers one after another from words; raises struct.error where they end, ValueError where a word is no number."""
 
     def __init__(self, words: list[bytes]) -> None:
         self._words, self._at = words, 0
 
     def take(self, kind: str, count: int) -> list[Any]:
-        """The next ones, of a type."""
+        """The next `count` values of a type."""
         if not 0 <= count <= len(self._words) - self._at:
             raise struct.error
         words = self._words[self._at : self._at + count]
@@ -218,7 +218,7 @@ class _Ascii:
 
 
 def _number(word: bytes) -> float:
-    """A number as files have it: Python's own reading takes underscores, too."""
+    """A number in the notation of files; Python's own parser would accept underscores, too."""
     if b"_" in word:
         raise ValueError(word)
     return float(word)
@@ -234,7 +234,7 @@ def _whole(word: bytes) -> int:
 
 
 def _obj(data: bytes) -> tuple[list[list[float]], list[list[int]]]:
-    """Coordinates and polygons of an OBJ file; materials, texture and normals are left out, and no other file is read."""
+    """Coordinates and polygons of an OBJ file; materials, texture and normals are ignored, and no other file is read."""
     points: list[list[float]] = []
     polygons: list[list[int]] = []
     triangles = 0
@@ -257,7 +257,7 @@ def _obj(data: bytes) -> tuple[list[list[float]], list[list[int]]]:
 
 
 def obj_labels(data: bytes) -> list[tuple[str, str]]:
-    """The object or group and the material of each triangle of an OBJ file that `parsed_mesh` has read; empty where it has none."""
+    """Object or group, and material, of each triangle of an OBJ file that `parsed_mesh` has read; empty where there is none."""
     labels: list[tuple[str, str]] = []
     name = material = ""
     for line in data.splitlines():
@@ -272,7 +272,7 @@ def obj_labels(data: bytes) -> list[tuple[str, str]]:
 
 
 def _corner(word: bytes, vertices: int) -> int:
-    """Number of a vertex from 0 on: OBJ counts from 1, or back from the latest."""
+    """Index of a vertex from 0: OBJ files count from 1, or backwards from the latest."""
     number = _whole(word.partition(b"/")[0])
     if not number:
         raise ValueError(word)

@@ -1,4 +1,5 @@
-"""The planes of a triangle mesh: exact ones, those that a noisy scan lies along, their outlines, and what is none."""
+"""Planes in a triangle mesh: exact ones, and those along which a noisy scan lies, with their outlines; and what belongs to no
+plane."""
 
 from __future__ import annotations
 
@@ -9,50 +10,52 @@ import numpy as np
 from t2d_rt.geometry.vectors import edge_cross
 
 SAME_PLANE_M, SAME_NORMAL = 1e-3, 1e-3
-"""Triangles that lie in one plane to within these are one plane part."""
+"""Tolerances in offset [m] and normal within which triangles count as being in one plane."""
 
 NEIGHBOURS = 40
-"""Triangles around each whose plane smooths a scan's noise away."""
+"""Number of neighbouring triangles whose common plane smooths the noise of a scan."""
 SIGMAS, LEAST_AWAY_M, MOST_AWAY_M = 4.0, 0.01, 0.06
-"""How far a triangle's middle may lie from its plane: in deviations of the noise, and its bounds."""
+"""Greatest distance of a triangle's centre from its plane: in standard deviations of the noise, and the limits of that distance
+[m]."""
 ALIKE = 0.9
-"""Cosine of the angle between a plane and what lies along it."""
+"""Least cosine of the angle between a plane and a triangle that lies along it."""
 LEAST_PLANE_M2 = 0.3
-"""Least area of a plane of a scan: what is smaller blocks as what is not plane."""
+"""Least area of a plane in a scan [m^2]; smaller ones are treated as not plane."""
 BESIDE_M = 0.3
-"""Distance to a plane's triangles within which others that lie along it are its edge."""
+"""Distance [m] from the triangles of a plane within which others that lie along it belong to its edge."""
 SEEDS, REFINED, MOST_PLANES, MISSES = 60, 6, 200, 3
 CELL_M, VOXEL_M = 0.05, 0.1
-"""Cells of the grid of a plane's outline, and of what blocks."""
+"""Cell sizes of the grid for the outline of a plane, and of the cubes for what is not plane [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """A plane that triangles of a scan lie along."""
+    """A plane along which triangles of a scan lie."""
 
     normal: np.ndarray
     """Unit normal (3,)."""
     offset_m: float
-    """normal . x of its points."""
+    """Offset of the plane [m]: normal . x of its points."""
     members: np.ndarray
-    """Numbers of its triangles."""
+    """Indices of its triangles."""
 
 
 def plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Number of the plane of each triangle (F, 3, 3), whichever side its normal (F, 3) points to."""
-    # The sign is that of the greatest component; the small numbers decide between equal ones, whatever rounding does to these.
+    """Index of the plane of each triangle (F, 3, 3) with normals (F, 3); both sides count as the same plane."""
+    # The sign makes the greatest component positive; small increments break ties independently of rounding.
     axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
     normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
     offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
-    # Round numbers, of which there are many, must not lie between two cells.
+    # shifted by half a cell, so that round numbers, which are frequent, do not lie between two cells
     cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
     return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
 
 
 def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[list[Plane], np.ndarray]:
-    """Planes along which triangles (F, 3, 3) of a noisy scan lie, the largest first, and which triangles are left (F,).
+    """Planes along which triangles (F, 3, 3) of a noisy scan lie, the largest first, and whether each triangle is left over (F,).
 
-    Seeds are drawn by area, the one with most area along it is refined by least squares (Fischler and Bolles 1981).
+    Candidates are drawn at random by area; the one along which most area lies is refined by least squares (Fischler and Bolles
+    1981).
     """
     from scipy.spatial import cKDTree
 
@@ -87,7 +90,7 @@ def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[lis
             misses += 1
             continue
         misses = 0
-        # What the noise has put a little farther off is of the plane, too, but moves it no more. So is what lies beside it along
+        # Triangles that noise has moved slightly farther away belong to the plane, but do not affect its fit. So do those along
         # its edges, where smoothed normals turn and would make a plane across the edge.
         free = free[np.abs(centre[free] @ normal - offset) < 1.5 * away_m]
         beside = cKDTree(centre[members]).query(centre[free])[0] < BESIDE_M
@@ -98,7 +101,7 @@ def planes_of_scan(triangles: np.ndarray, rng: np.random.Generator) -> tuple[lis
 
 
 def _least_squares(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, float]:
-    """Normal and offset of the plane through points (N, 3)."""
+    """Normal and offset of the least-squares plane through points (N, 3) with weights (N,)."""
     middle = np.average(points, axis=0, weights=weights)
     apart = points - middle
     normal = np.linalg.eigh(np.einsum("n,ni,nj->ij", weights, apart, apart))[1][:, 0]
@@ -106,7 +109,7 @@ def _least_squares(points: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray,
 
 
 def _samples(triangles: np.ndarray, step_m: float) -> np.ndarray:
-    """Points on triangles (F, 3, 3), at most so far apart."""
+    """Points on triangles (F, 3, 3), at most `step_m` apart."""
     longest = np.linalg.norm(triangles - np.roll(triangles, 1, axis=1), axis=2).max(axis=1)
     parts = np.exp2(np.ceil(np.log2(np.maximum(longest / step_m, 1)))).astype(int)
     points = []
@@ -119,7 +122,8 @@ def _samples(triangles: np.ndarray, step_m: float) -> np.ndarray:
 
 
 def rectangles(triangles: np.ndarray, plane: Plane, upward: np.ndarray) -> np.ndarray:
-    """Rectangles (R, 4, 3) that cover triangles (F, 3, 3) in their plane to within `CELL_M`, edges along `upward` if it may be."""
+    """Rectangles (R, 4, 3) that cover triangles (F, 3, 3) in their plane to within `CELL_M`, with edges along `upward` if
+    possible."""
     from scipy.ndimage import binary_closing
 
     first = upward - (upward @ plane.normal) * plane.normal
@@ -148,7 +152,7 @@ def rectangles(triangles: np.ndarray, plane: Plane, upward: np.ndarray) -> np.nd
 
 
 def voxels(triangles: np.ndarray) -> np.ndarray:
-    """The outer sides, quadrangles (Q, 4, 3), of the cubes of `VOXEL_M` that triangles (F, 3, 3) touch."""
+    """Outer faces of the cubes of `VOXEL_M` that triangles (F, 3, 3) touch, as quadrangles (Q, 4, 3)."""
     cells = np.unique(np.floor(_samples(triangles, VOXEL_M / 2) / VOXEL_M).astype(np.int64), axis=0)
     low = cells.min(axis=0) - 1
     grid = np.zeros(cells.max(axis=0) - low + 2, bool)

@@ -53,8 +53,9 @@ from t2d_rt.geometry.vectors import edge_cross, norms, unit
 
 
 def grade(levels: list[ButterflyLevel]) -> None:
-    """Neighbours differ by at most one level: who touches a split edge of level k has a red parent in level k - 1."""
-    # From the finest level down, so that what one level asks of the level before it is known when that one is looked at.
+    """Makes neighbouring faces differ by at most one level: faces that touch a split edge of level k get a red parent in level k -
+    1."""
+    # From the finest level down, so that what a level requires of the previous one is known when that one is processed.
     for k in range(len(levels) - 1, -1, -1):
         level = levels[k]
         level.split[level.topology.face_edges[level.red]] = True
@@ -65,7 +66,7 @@ def grade(levels: list[ButterflyLevel]) -> None:
 
 
 def tree_masks(levels: list[ButterflyLevel]) -> Iterator[np.ndarray]:
-    """Faces of each level that exist in the refined mesh, red or leaf."""
+    """For each level, which of its faces are in the refined mesh, split or not."""
     yield np.ones(len(levels[0].topology.faces), bool)
     for coarse, fine in pairwise(levels):
         yield coarse.red[fine.parent]
@@ -73,19 +74,20 @@ def tree_masks(levels: list[ButterflyLevel]) -> Iterator[np.ndarray]:
 
 @dataclass(frozen=True, slots=True)
 class FinalFaces:
-    """Final faces from one level."""
+    """Faces of the refined mesh that come from one level."""
 
     faces: np.ndarray
-    """Vertex ids, (N, 3)."""
+    """Indices of the vertices, (N, 3)."""
     base: np.ndarray
     edges: np.ndarray
-    """Edges of the level's face that each lies in, (N, 3)."""
+    """The three edges of the level's face in which each final face lies, (N, 3)."""
     weights: np.ndarray
-    """Weights of those edges' offsets in the mean depth below the surface, (N, 3)."""
+    """Weights of the midpoint offsets of those edges in the mean depth of the final face below the surface, (N, 3)."""
 
 
 def final_faces(level: ButterflyLevel, tree: np.ndarray) -> FinalFaces:
-    """Faces that stay, closed towards finer neighbours: one split edge makes two faces, two make three."""
+    """Faces that are not split further, with green closures towards finer neighbours: one split edge makes two faces, two make
+    three."""
     chosen = np.flatnonzero(tree & ~level.red)
     sides = level.split[level.topology.face_edges[chosen]]
     case, order = split_edges_first(sides)
@@ -96,7 +98,7 @@ def final_faces(level: ButterflyLevel, tree: np.ndarray) -> FinalFaces:
     case = np.where((case == 2) & from_2, 3, case)
     middles = level.middle_ids[edges] if len(level.middle_ids) else np.full_like(edges, -1)
     six = np.concatenate([level.ids[faces], middles], axis=1)
-    picks = split_picks(case, SPLITS[:-1])  # faces of which all edges are split are red
+    picks = split_picks(case, SPLITS[:-1])  # faces all of whose edges are split are red
     which = np.concatenate([pick for pick, _ in picks])
     return FinalFaces(
         np.concatenate([six[pick][:, codes] for pick, codes in picks]),
@@ -161,7 +163,7 @@ def displacement(
         edges[part.edges] = True
         complete(level, edges)
         move = move + renamed_columns(mean @ depth @ (level.middle - chords(level.topology)), level.ids, total)
-    # sums follow the order of storage, and what one limit gives must not depend on others by as much as a bit
+    # the order of storage determines the order of sums; so the result for one limit is the same whichever others there are
     move.sort_indices()
     return move
 
@@ -174,27 +176,29 @@ class Refinement:
     """A finer mesh that is linear in the coarse one's vertices."""
 
     operator: Csr
-    """Fine vertices = operator @ control points, (Vf, V); rows sum to 1."""
+    """Matrix from control points to fine vertices, (Vf, V); rows sum to 1."""
     faces: np.ndarray
-    """Corners of fine triangles, oriented like the coarse ones, int32 (Ff, 3)."""
+    """Corners of the fine triangles, oriented like the coarse ones, int32 (Ff, 3)."""
     base_face: np.ndarray
     """Coarse face that each fine face lies in, int32 (Ff,)."""
     linear: Csr
-    """Carries a field of the coarse vertices (a visibility, say) linearly to the fine ones, (Vf, V); rows sum to 1."""
+    """Matrix that interpolates a field at the coarse vertices (such as visibility) linearly to the fine ones, (Vf, V); rows sum to
+    1."""
     middles: np.ndarray | None = None
-    """Vertices near the middles of curved triangles' edges 01, 12 and 20, int32 (Ff, 3); None: they are flat."""
+    """Vertices near the middles of edges 01, 12 and 20 of curved triangles, int32 (Ff, 3); None for flat triangles."""
     control: Csr | None = None
-    """Control points = control @ coarse vertices, (V, V); None: these are their own."""
+    """Matrix from coarse vertices to control points, (V, V); None where these are the same."""
     key: str | None = None
-    """Hash of all that it follows from, of one that is kept."""
+    """Hash of everything that determines the refinement, if it is in the disk cache."""
 
     @property
     def nodes(self) -> np.ndarray:
-        """Vertices of the fine triangles, corners first, (Ff, 3) or (Ff, 6)."""
+        """Vertices of the fine triangles, corners first, (Ff, 3) for flat or (Ff, 6) for curved ones."""
         return self.faces if self.middles is None else np.concatenate([self.faces, self.middles], axis=1)
 
     def corner_normals(self, vertices: np.ndarray) -> np.ndarray:
-        """Unit normals (Ff, C, 3) of fine triangles, at each corner of curved ones, for the coarse vertices (V, 3)."""
+        """Unit normals (Ff, C, 3) of fine triangles (C = 1), or at the corners of curved ones (C = 3), for coarse vertices (V,
+        3)."""
         places = self.at(vertices)
         corners = places[self.faces]
         if self.middles is None:
@@ -204,8 +208,8 @@ class Refinement:
         return unit(np.cross(after - corners + bulge, before - corners + np.roll(bulge, 1, axis=1)))
 
     def flattened(self, vertices: np.ndarray) -> Refinement:
-        """Flat triangles in place of curved ones: the corners, moved outward as in `displacement` so that facets lie on the surface
-        in the mean where the coarse mesh has these vertices (V, 3)."""
+        """A refinement with flat triangles in place of curved ones: the corners are moved outward as in `displacement`, so that
+        facets lie on the surface in the mean for these coarse vertices (V, 3)."""
         if self.middles is None:
             return self
         from scipy import sparse
@@ -213,7 +217,7 @@ class Refinement:
         used, faces = np.unique(self.faces, return_inverse=True)
         faces = faces.reshape(-1, 3)
         count, nodes = len(faces), self.operator.shape[0]
-        # The middles of the edges lie off the chords by o; a triangle lies below the surface by a third of the sum of its o.
+        # The middle of an edge is off its chord by o; a triangle lies below the surface by a third of the sum of its three o.
         thirds = np.repeat([1 / 3, -1 / 3], 3)
         offsets = np.concatenate([self.middles, self.faces], axis=1).ravel()
         depth = sparse.csr_matrix((np.tile(thirds, count), offsets, 6 * np.arange(count + 1)), shape=(count, nodes))
@@ -225,7 +229,7 @@ class Refinement:
         return replace(self, operator=operator, linear=self.linear[used], faces=flat, middles=None, key=None)
 
     def controlled(self, vertices: np.ndarray) -> np.ndarray:
-        """Control points (..., V, 3) of the coarse mesh's vertices (..., V, 3)."""
+        """Control points (..., V, 3) for coarse vertices (..., V, 3)."""
         if self.control is None:
             return vertices
         columns = np.moveaxis(vertices, -2, 0)
@@ -233,7 +237,7 @@ class Refinement:
         return np.moveaxis(control_points.reshape(columns.shape), 0, -2)
 
     def at(self, vertices: np.ndarray) -> np.ndarray:
-        """Fine vertices (Vf, 3) of the coarse mesh's (V, 3)."""
+        """Fine vertices (Vf, 3) for coarse vertices (V, 3)."""
         return np.asarray(self.operator @ self.controlled(vertices))
 
 
@@ -248,13 +252,14 @@ def refinements(
     displace: bool = True,
     max_faces: int = 2_000_000,
 ) -> list[Refinement]:
-    """A mesh (V, 3), (F, 3), refined until its facets have a phase sagitta of at most each of some limits.
+    """Refines a mesh (V, 3), (F, 3) until the phase sagitta of its facets is below a limit; one refinement for each of several
+    limits.
 
-    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m` the least range R and each of `sagittas_rad` a limit s, one number or one per
+    `wavenumber` k = 2 pi / lambda [rad/m]; `range_m`: least range R; each of `sagittas_rad` is a limit s, one number or one per
     vertex (V,). `crease_deg` as in `MovingMesh`. Without `displace` vertices stay on the butterfly surface; with it they are moved
-    outward, so that facets lie on it in the mean. Each result is the one that its limit alone would give: most of the work is the
-    surface itself, which is the same for all of them. An InputError tells what is not positive, or that more than `max_faces` are
-    needed.
+    outward, so that facets lie on it in the mean. Each result is the one that its limit alone would give; most of the work is the
+    surface itself, which is the same for all limits. Raises an InputError for values that are not positive, or if more than
+    `max_faces` are needed.
     """
     rest, faces = np.asarray(rest, dtype=np.float64), np.asarray(faces)
     scale = _scale(rest, wavenumber, range_m, sagittas_rad)
@@ -267,7 +272,7 @@ def refinements(
 
 
 def _refined(levels: list[ButterflyLevel], rest: np.ndarray, operator: Csr, linear: Csr, displace: bool) -> Refinement:
-    """The refinement for one limit, from what it marked in the levels and the matrices of all their vertices."""
+    """The refinement for one limit, from the marked edges and faces of the levels and the matrices for all their vertices."""
     grade(levels)
     parts = [final_faces(level, finer) for level, finer in zip(levels, tree_masks(levels), strict=True)]
     corners_ids = np.concatenate([part.faces for part in parts])
@@ -285,16 +290,17 @@ def _refined(levels: list[ButterflyLevel], rest: np.ndarray, operator: Csr, line
 
 
 def curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float = 45.0) -> np.ndarray:
-    """Mean over its edges of each vertex's normal curvature, without sign [1/m], (V,); measured as `refine` does.
+    """Mean magnitude of the normal curvature over the edges of each vertex [1/m], (V,); measured as `refine` does.
 
-    The last ones are kept, read-only: a body's is asked for when it is skinned and when its facets are counted.
+    The last results are cached, read-only: the curvature of a body is needed both when it is skinned and when its facets are
+    counted.
     """
     key = hashlib.sha256(rest.tobytes()).digest(), hashlib.sha256(faces.tobytes()).digest(), rest.shape, crease_deg
     return _curvatures.get(key, partial(_curvature, rest, faces, crease_deg))
 
 
 def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.ndarray:
-    """The curvature of `curvature`: kappa = 8 d / L^2 of each edge, d the depth of its midpoint below the butterfly surface."""
+    """Computes `curvature`: kappa = 8 d / L^2 of each edge, d the depth of its chord's middle below the butterfly surface."""
     sharp = sharp_edges(rest, faces, crease_deg)
     mesh = topology(faces, len(rest), sharp)
     ends = rest[mesh.edges]
@@ -307,14 +313,14 @@ def _curvature(rest: np.ndarray, faces: np.ndarray, crease_deg: float) -> np.nda
 
 
 def _scale(rest: np.ndarray, wavenumber: float, range_m: object, sagittas_rad: Sequence[object]) -> np.ndarray:
-    """Columns 1/R and, for each limit, 2 k / (6 s) per vertex, (V, 1 + B)."""
+    """For each vertex 1/R and, for each limit, 2 k / (6 s), (V, 1 + B)."""
     finenesses = [2 * wavenumber / (6 * np.asarray(limit, float)) for limit in sagittas_rad]
     columns = [1 / np.asarray(range_m, float), *finenesses]
     return np.stack([np.broadcast_to(column, (len(rest),)) for column in columns], axis=1)
 
 
 def _stack(steps: list[Csr], vertex_count: int) -> Csr:
-    """All vertices of all levels from the coarse ones: each step's rows act on the vertices made before it."""
+    """Matrix from the coarse vertices to all vertices of all levels; the rows of each step apply to the vertices made before it."""
     from scipy import sparse
 
     operator = sparse.identity(vertex_count, format="csr")
@@ -325,17 +331,17 @@ def _stack(steps: list[Csr], vertex_count: int) -> Csr:
 
 @dataclass(frozen=True, slots=True)
 class SubdividedMesh:
-    """A mesh at subdivision level `level`; the first vertices are its own."""
+    """A mesh subdivided `level` times; its first vertices are those of the original mesh."""
 
     faces: np.ndarray
-    """(4^n F, 3), those of each face together."""
+    """Corners of the triangles, (4^n F, 3); those within one original face are contiguous."""
     operator: Csr
-    """Sparse (V', V): the vertices, and any field of them, from those of the mesh."""
+    """Sparse (V', V) from the original vertices to the new ones; also interpolates any field at the vertices."""
     level: int
 
     @classmethod
     def of(cls, faces: np.ndarray, vertex_count: int, level: int) -> SubdividedMesh:
-        """The subdivided mesh of triangles (F, 3) of so many vertices."""
+        """Subdivides triangles (F, 3) of `vertex_count` vertices."""
         from scipy import sparse
 
         operator = sparse.eye_array(vertex_count, format="csr", dtype=np.float32)
@@ -349,7 +355,8 @@ class SubdividedMesh:
         return cls(np.asarray(faces), operator, level)
 
     def to(self, fine: Refinement, faces: np.ndarray) -> Csr:
-        """Sparse float32 (Vf, V'): a field of these vertices, carried linearly to those of a refinement of the mesh of `faces`."""
+        """Sparse float32 (Vf, V') that interpolates a field at these vertices linearly to those of a refinement of the mesh
+        `faces`."""
         from scipy import sparse
 
         rows = np.arange(fine.linear.shape[0])

@@ -1,7 +1,7 @@
-"""A scene from a mesh file (.obj, .ply, .glb): plane parts reflect, what is not plane blocks and does not reflect.
+"""Makes a scene of a mesh file (.obj, .ply, .glb): plane parts reflect, other parts block and do not reflect.
 
-The parts of a drawing are taken as they are, triangle by triangle. Of a scan, whose triangles lie along no plane exactly, planes
-are found and cut into rectangles, and the rest becomes cubes that absorb.
+The parts of a CAD drawing are used as they are, triangle by triangle. In a scan no triangles are exactly coplanar: planes are
+fitted and divided into rectangles, and the rest becomes cubes that absorb.
 """
 
 from __future__ import annotations
@@ -27,45 +27,45 @@ from t2d_rt.types.scene import MAX_NAME, MAX_SURFACES, NO_AREA_M2, Scene, Surfac
 MESHES = (".obj", ".ply", ".glb")
 UNITS_M = {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0.3048}
 HEIGHT_M, ACROSS_M = (1.8, 12.0), (1.0, 100.0)
-"""Sizes of rooms, from floor to ceiling and across."""
+"""Least and greatest height of a room from floor to ceiling, and its least and greatest width [m]."""
 LOW_M = 4.5
-"""Height up to which an axis may be the upward one of a file that does not say."""
+"""Greatest extent [m] of an axis that may be the upward one, for a file that does not specify it."""
 SMALL_M2, MOST_SMALL = 0.05, 500
-"""Plane parts that are smaller, and how many of them make a mesh a scan."""
+"""A plane part below the first area [m^2] counts as small; more small parts than the second number make a mesh a scan."""
 LEVEL = 0.94
-"""Cosine of the lean up to which a floor is one: 20 degrees."""
+"""Least cosine of the inclination of a floor: 20 degrees."""
 LEAST_LEAN_DEG = 0.02
 FLAT, UPRIGHT, WALL_M = 0.9, 0.2, 1.5
-"""Upward part of a floor's or a ceiling's normal, at least, and of a wall's, at most; a wall's least height."""
+"""Least vertical component of the normal of a floor or ceiling, greatest one of a wall, and least height of a wall [m]."""
 NEAR_M = 0.2
-"""Distance to the lowest and the highest place within which floor and ceiling lie."""
+"""Distance from the lowest and the highest point within which floor and ceiling are searched [m]."""
 FLOOR_PART = 0.2
-"""Least fraction of what a mesh covers of the plane whose height is the floor's."""
+"""Least area of the plane taken for the floor, as a fraction of the area that the mesh covers in plan view."""
 ABSORBER_M = 0.1
-"""Thickness of what is not plane."""
+"""Thickness given to parts that are not plane [m]."""
 
 Slab = tuple[str | Material, float]
 Given = tuple[str | Material, float | None]
-"""A slab, or a material that has the thickness of what it replaces."""
+"""A material and its thickness [m]; a thickness of None is that of what it replaces."""
 ROLES: Mapping[str, Slab] = {
     "floor": ("concrete", 0.2), "ceiling": ("concrete", 0.2), "wall": ("plasterboard", 0.0125), "thing": ("chipboard", 0.018),
 }  # fmt: skip
 WORDS: Mapping[str, Slab] = {"door": ("wood", 0.04), "window": ("glass", 0.006)} | {
     name: (name, thickness_m) for name, thickness_m in THICKNESS_M.items()
 }
-"""What the names of objects and of their materials tell."""
+"""Slabs for words that occur in the names of objects and of their materials."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Mesh:
-    """All triangles, and of which part each is."""
+    """All triangles of a file, and the part to which each belongs."""
 
     triangles: np.ndarray
-    """(F, 3, 3)."""
+    """Triangles (F, 3, 3)."""
     part: np.ndarray
-    """(F,)."""
+    """Index of the part of each triangle, (F,)."""
     names: list[tuple[str, str]]
-    """Names of each part and of its material; empty where the file has none."""
+    """Name of each part, and of its material in the file; empty where the file has none."""
 
 
 def scene_from_mesh(
@@ -105,7 +105,7 @@ def scene_from_mesh(
 
 
 def _firsts(triangles: np.ndarray) -> np.ndarray:
-    """Which triangles (F, 3, 3) have corners that none before has: files of drawings often have both sides of a face."""
+    """Which triangles (F, 3, 3) have other corners than all triangles before; drawings often contain both sides of a face."""
     corner = np.unique(triangles.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(-1, 3)
     is_first = np.zeros(len(triangles), bool)
     is_first[np.unique(np.sort(corner, axis=1), axis=0, return_index=True)[1]] = True
@@ -139,7 +139,7 @@ def _glb(data: bytes, path: Path) -> _Mesh:
         named = [
             (node, str(getattr(getattr(mesh.visual, "material", None), "name", "") or "")) for node, mesh, _ in meshes
         ]
-    except Exception:  # whatever a damaged file makes the decoder raise
+    except Exception:  # the decoder may raise anything for a damaged file
         raise InputError(f"mesh {path} is not a .glb file with triangles, or damaged; export it again") from None
     if not parts or not np.isfinite(np.concatenate(parts)).all():
         raise InputError(f"mesh {path} holds no triangles, or such that are not finite; export it again")
@@ -147,7 +147,7 @@ def _glb(data: bytes, path: Path) -> _Mesh:
 
 
 def _upward(triangles: np.ndarray, path: Path, unit_m: float, up: str | None) -> str:
-    """The upward axis; refuses a mesh that is no room in these units."""
+    """Finds the upward axis; refuses a mesh that is no room in these units."""
     if not len(triangles):
         raise InputError(f"mesh {path} has no triangle with an area; export it again")
     extent = np.ptp(triangles.reshape(-1, 3), axis=0)
@@ -229,7 +229,7 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], conventions:
     count, rest = sum(map(len, surfaces.values())), triangles[where[left]]
     if len(rest):
         surfaces["not plane", (ABSORBER, ABSORBER_M)] = [_halves(voxels(rest - shift)) + shift]
-    names = numbered(name for name, _ in surfaces)  # an object of several materials is several surfaces
+    names = numbered(name for name, _ in surfaces)  # an object of several materials becomes several surfaces
     scene_surfaces = [
         _surface(name, np.concatenate(group) - shift, slab)
         for name, ((_, slab), group) in zip(names, surfaces.items(), strict=True)
@@ -252,7 +252,8 @@ def _scene(mesh: _Mesh, path: Path, materials: Mapping[str, Given], conventions:
 
 
 def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray, float]:
-    """The rotation (3, 3) that turns the floor level, the lowest of large planes, and by how many degrees; none for almost none."""
+    """Rotation (3, 3) that makes the floor level, that is the lowest of the large planes, and its angle [deg]; the identity for a
+    negligible angle."""
     level = [flat for flat in flats if abs(flat[1][2]) > LEVEL]
     if not level:
         return np.eye(3), 0.0
@@ -270,7 +271,7 @@ def _levelling(flats: list[tuple[float, np.ndarray, float]]) -> tuple[np.ndarray
 
 
 def _halves(quads: np.ndarray) -> np.ndarray:
-    """Two triangles (2 Q, 3, 3) of each quadrangle (Q, 4, 3)."""
+    """Two triangles (2 Q, 3, 3) for each quadrangle (Q, 4, 3)."""
     return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3)
 
 
@@ -281,17 +282,17 @@ def _surface(name: str, triangles: np.ndarray, slab: Slab) -> Surface:
 
 @dataclass(slots=True)
 class _Naming:
-    """Names and slabs of plane parts."""
+    """Finds names and slabs of plane parts."""
 
     names: list[tuple[str, str]]
     materials: Mapping[str, Given]
     span_m: tuple[float, float]
     used: set[str] = field(default_factory=set)
     guessed: dict[str, dict[str, None]] = field(default_factory=dict)
-    """What was assumed, and of what."""
+    """What was assumed, and for which surfaces."""
 
     def of(self, part: int, triangles: np.ndarray, normal: np.ndarray) -> tuple[str, Slab]:
-        """The name and the slab of a plane part (F, 3, 3) of a part of the file."""
+        """Name and slab of a plane part with triangles (F, 3, 3), which belongs to part `part` of the file."""
         object_name, made_of = self.names[part]
         role = self._role(triangles, normal)
         name = printable(object_name or made_of or role)[: MAX_NAME - len(f" {MAX_SURFACES}")]
@@ -316,14 +317,14 @@ class _Naming:
         return "wall" if abs(normal[2]) < UPRIGHT and np.ptp(heights) > WALL_M else "thing"
 
     def check_all_used(self, path: Path) -> None:
-        """Refuses a material for what the mesh does not have."""
+        """Refuses a substitute for a material or object that the mesh does not have."""
         there = sorted({name for pair in self.names for name in pair if name} | set(ROLES))
         for name in self.materials:
             if name not in self.used and name.casefold() not in {present.casefold() for present in there}:
                 raise InputError(f"mesh {path} has nothing called {shown(name)}; {names_advice(name, there)}")
 
     def assumed(self) -> list[str]:
-        """What materials and thicknesses were not given."""
+        """Sentences about materials and thicknesses that had to be assumed."""
         return [
             f"assumed {what} of {', '.join(list(names)[:6])}{' ...' if len(names) > 6 else ''}"
             for what, names in self.guessed.items()
@@ -331,7 +332,7 @@ class _Naming:
 
 
 def slab_of(material: str | Material) -> Given:
-    """Material and thickness [m] of what a user gives: "wood", "wood 0.04" or a Material, whose thickness is not told."""
+    """Material and thickness [m] from "wood", "wood 0.04" or a Material, which has no thickness."""
     if not isinstance(material, str):
         return material, None
     name, _, thickness = material.removeprefix("itu_").partition(" ")

@@ -26,28 +26,28 @@ _TERMS = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Topology:
-    """Who touches whom in a triangle mesh. Half-edge 3 f + j runs from faces[f, j] to faces[f, j + 1]."""
+    """Adjacency of a triangle mesh. Half-edge 3 f + j runs from faces[f, j] to faces[f, j + 1]."""
 
     faces: np.ndarray
-    """Vertex ids, int64 (F, 3)."""
+    """Indices of the vertices, int64 (F, 3)."""
     vertex_count: int
     edges: np.ndarray
-    """Vertex ids, smaller first, int64 (E, 2)."""
+    """Indices of the vertices, smaller first, int64 (E, 2)."""
     face_edges: np.ndarray
     """Edge of each half-edge, int64 (F, 3)."""
     twin: np.ndarray
     """Opposite half-edge, int64 (3 F,); -1 where the edge is sharp."""
     sharp: np.ndarray
-    """Edges that no stencil crosses: given ones, and those that do not join two faces of like orientation, (E,)."""
+    """Edges that no stencil crosses: those given as sharp, and those that do not join two faces of the same orientation, (E,)."""
 
     @property
     def valence(self) -> np.ndarray:
-        """Edges at each vertex, (V,)."""
+        """Number of edges at each vertex, (V,)."""
         return np.bincount(self.edges.ravel(), minlength=self.vertex_count)
 
     @property
     def sharp_valence(self) -> np.ndarray:
-        """Sharp edges at each vertex, (V,)."""
+        """Number of sharp edges at each vertex, (V,)."""
         return np.bincount(self.edges[self.sharp].ravel(), minlength=self.vertex_count)
 
 
@@ -59,7 +59,7 @@ def sharp_edges(vertices: np.ndarray, faces: np.ndarray, crease_deg: float) -> n
     half = np.flatnonzero(mesh.twin >= 0)
     across = np.einsum("ij,ij->i", normal[half // 3], normal[mesh.twin[half] // 3])
     sharp = mesh.sharp.copy()
-    # 1e-9: coplanar faces differ by rounding, and crease_deg = 0 must not make creases of them
+    # 1e-9: coplanar faces differ by rounding, and crease_deg = 0 must not turn their edges into creases
     sharp[mesh.face_edges.ravel()[half[across < np.cos(np.radians(crease_deg)) - 1e-9]]] = True
     return mesh.edges[sharp]
 
@@ -73,7 +73,7 @@ def crease_corners(vertices: np.ndarray, sharp: np.ndarray, crease_deg: float) -
     bend = np.zeros((len(vertices), 3))
     np.add.at(bend, sharp[:, 0], along)
     np.add.at(bend, sharp[:, 1], -along)
-    # two unit vectors that leave a vertex at an angle pi - t add up to a length of 2 sin(t / 2)
+    # two unit vectors that leave a vertex at an angle pi - t have a sum of length 2 sin(t / 2)
     bent = np.linalg.norm(bend, axis=1) > 2 * np.sin(np.radians(min(crease_deg, 180.0)) / 2) + 1e-9
     return (count > 0) & ((count != 2) | bent)
 
@@ -113,8 +113,8 @@ def topology(faces: np.ndarray, vertex_count: int, sharp: np.ndarray | None = No
 
 
 def distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Values (N,) once each and in order, (D,); the order (N,) that sorts them all and where in it each one's equals begin, (D,);
-    the place of each value among the distinct ones, (N,).
+    """Distinct values of (N,) in order, (D,); the order (N,) that sorts all values, and where the equals of each distinct one begin
+    in it, (D,); the index of each value among the distinct ones, (N,).
 
     `np.unique` sorts stably, which takes several times as long; here equal values may come in any order.
     """
@@ -127,7 +127,7 @@ def distinct(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np
 
 
 def too_many_faces(needed: int, most: int) -> InputError:
-    """What is raised where a refinement would have more faces than are allowed."""
+    """The error for a refinement that would have more faces than are allowed."""
     return InputError(
         f"refining needs more than {needed} faces, the limit is {most}; "
         "ask for a looser tolerance or a greater sagitta_rad, or raise memory_gb (max_faces)"
@@ -147,36 +147,38 @@ SPLITS = (
     ((3, 1, 4), (3, 4, 2), (0, 3, 2)),
     ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
 )
-"""Triangles that a face falls into, by how many of its edges are split: none, one, two (with the diagonal from corner 0, or from
-corner 2) or three. Corners 0, 1, 2, middles 3 of edge 01, 4 of 12, 5 of 20."""
+"""Triangles into which a face is divided, by how many of its edges are split: none, one, two (with the diagonal from corner 0, or
+from corner 2) or three. Corners are 0, 1, 2; midpoints are 3 of edge 01, 4 of 12, 5 of 20."""
 
 
 def split_edges_first(split: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How many edges of each face are split, (N,) of (N, 3), and the order (N, 3) of its corners, and so of its edges, in which
-    these come first: one at 0, two at 0 and 1."""
+    """Number of split edges of each face, (N,) from (N, 3), and the order (N, 3) of its corners, and thus of its edges, in which
+    these come first: a single one at 0, two at 0 and 1."""
     count = split[:, 0].astype(np.int8) + split[:, 1] + split[:, 2]
     first = np.where(count == 1, split.argmax(axis=1), np.where(count == 2, (split.argmin(axis=1) + 1) % 3, 0))
     return count, (first[:, None] + np.arange(3)) % 3
 
 
 def split_picks(case: np.ndarray, splits: Sequence[Sequence[tuple[int, ...]]]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each triangle of each case, which faces (M,) have one, and its codes (3,); `case` (N,) are numbers of `splits`."""
+    """For each triangle of each case, the indices of the faces (M,) that have it, and its codes (3,); `case` (N,) are indices of
+    `splits`."""
     return [(np.flatnonzero(case == kind), np.array(codes)) for kind, all_of in enumerate(splits) for codes in all_of]
 
 
 def in_children(face: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces (N,) and barycentric weights (N, 3) of places among the children, 4 f .. 4 f + 3 of face f (`split_in_four`)."""
+    """For points given by face (N,) and barycentric coordinates (N, 3): the same among the children of the faces, which are 4 f ..
+    4 f + 3 for face f (`split_in_four`)."""
     rows, (corner, greatest) = np.arange(len(face)), greatest_of_three(weights)
     inner = greatest < 0.5
     outer = 2 * weights
     outer[rows, corner] -= 1
-    # The middle child's corners are the middles of edges 01, 12 and 20.
+    # the corners of the middle child are the middles of edges 01, 12 and 20
     return 4 * face + np.where(inner, 3, corner), np.where(inner[:, None], 1 - 2 * weights[:, [2, 0, 1]], outer)
 
 
 def greatest_of_three(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of three weights (N, 3) is the greatest, the first of equal ones, and its value, (N,) each; `argmax` takes ten times
-    as long on so short an axis."""
+    """Index of the greatest of three weights (N, 3), the first of equal ones, and its value, (N,) each; `argmax` takes ten times as
+    long on so short an axis."""
     one = np.where(weights[:, 1] > weights[:, 0], 1, 0)
     value = np.maximum(weights[:, 0], weights[:, 1])
     return np.where(weights[:, 2] > value, 2, one), np.maximum(value, weights[:, 2])
@@ -201,7 +203,8 @@ def midpoints(
     rows, columns, weights = _eight_point_stencils(mesh, smooth)
     parts = [
         _curve_stencils(mesh, corners, np.flatnonzero(chosen & mesh.sharp)),
-        # beside a special vertex its ring decides; the eight points stay with weight 0, for the correction to use
+        # beside a special vertex its ring determines the midpoint; the eight points keep weight 0, so that the correction can use
+        # them
         (rows, columns, np.where(ringed[rows] == 0, weights, 0.0)),
         # an edge between two special vertices takes the mean of their stencils
         (ring, ring_columns, ring_weights / ringed[ring]),
@@ -216,11 +219,12 @@ def midpoints(
 
 
 def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np.ndarray) -> None:
-    """Correct the weights of smooth edges (one half-edge each), in place: they reproduce quadratic surfaces on uneven vertices.
+    """Corrects the weights of smooth edges (one half-edge each), in place, so that they reproduce quadratic surfaces on uneven
+    vertices.
 
-    In the tangent frame of an edge, (x, y) from the chord's middle in units of its length, the weights w shall satisfy
-    sum_i w_i (1, x, y, x^2, x y, y^2)_i = (1, 0, 0, 0, 0, 0). The smallest change that does so is added,
-    dw = C^T (C C^T)^-1 (t - C w). On an evenly spaced mesh of valence 6 the butterfly does so already and dw = 0.
+    In the tangent frame of an edge, (x, y) from the chord's middle in units of its length, the weights w shall satisfy sum_i w_i
+    (1, x, y, x^2, x y, y^2)_i = (1, 0, 0, 0, 0, 0). The smallest change that does so is added, dw = C^T (C C^T)^-1 (t - C w). On an
+    evenly spaced mesh of valence 6 the butterfly satisfies this already and dw = 0.
     """
     sides = half // 3, mesh.twin[half] // 3
     beside = np.flatnonzero(np.bincount(np.concatenate(sides), minlength=1))
@@ -232,43 +236,43 @@ def _quadratic_precision(matrix: Csr, mesh: Topology, rest: np.ndarray, half: np
     # fewer points than conditions: the stencil beside a corner keeps its plain weights
     for count in np.unique(size[size > _TERMS]):
         alike = np.flatnonzero(size == count)
-        for start in range(0, len(alike), 16_384):  # pieces, so that the working memory stays bounded
+        for start in range(0, len(alike), 16_384):  # in pieces, so that the working memory is bounded
             pick = alike[start : start + 16_384]
             rows = smooth[pick]
             entry = matrix.indptr[rows, None] + np.arange(count)
             terms = _quadratic_terms(rest, mesh.edges[rows], normal[pick], matrix.indices[entry])
             defect = np.eye(_TERMS)[0] - (terms @ matrix.data[entry][..., None])[..., 0]
-            # Below, a midpoint moves by under 1 % of its offset from the chord.
+            # Below this a midpoint would move by less than 1 % of its offset from the chord.
             uneven = np.abs(defect).max(axis=1) > 2e-3
             matrix.data[entry[uneven]] += _least_change(terms[uneven], defect[uneven])
 
 
 def _least_change(terms: np.ndarray, defect: np.ndarray) -> np.ndarray:
-    """dw (E, N) for conditions C = `terms` (E, 6, N) that are off by `defect` (E, 6)."""
+    """Least-squares change dw (E, N) for conditions C = `terms` (E, 6, N) with residuals `defect` (E, 6)."""
     transposed = np.ascontiguousarray(terms.transpose(0, 2, 1))
     gram = terms @ transposed
-    # 1e-9: keeps stencils whose points lie on one conic solvable
+    # 1e-9: keeps stencils solvable whose points lie on one conic
     gram += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(_TERMS)
     change = (transposed @ np.linalg.solve(gram, defect[..., None]))[..., 0]
-    # rows keep summing to 1 to rounding, and a stencil that would swing widely is left as it was
+    # rows still sum to 1 up to rounding; a stencil that would get large weights of both signs is left as it was
     change -= change.mean(axis=1, keepdims=True)
-    # The butterfly's own weights sum to 1.5 in magnitude.
+    # the magnitudes of the butterfly's own weights sum to 1.5
     change[np.abs(change).sum(axis=1) > 1.0] = 0.0
     return change
 
 
 def _tame(matrix: Csr, mesh: Topology, rest: np.ndarray, rows: np.ndarray) -> None:
-    """Take the chord's middle, in place, where a row's stencil (on slivers) throws the midpoint far off."""
+    """Replaces rows, in place, by the chord's middle where a stencil (on slivers) would move the midpoint far away."""
     a, b = (rest.take(mesh.edges[rows, j], axis=0) for j in range(2))
     offset, length = norms(matrix[rows] @ rest - (a + b) / 2), norms(b - a)
-    # An arc reaches this where it turns by 106 degrees.
+    # an arc reaches this where it turns by 106 degrees
     for row in rows[offset > 0.25 * length]:  # rare
         entry = slice(matrix.indptr[row], matrix.indptr[row + 1])
         matrix.data[entry] = np.where(np.isin(matrix.indices[entry], mesh.edges[row]), 0.5, 0.0)
 
 
 def _quadratic_terms(rest: np.ndarray, edges: np.ndarray, normal: np.ndarray, vertices: np.ndarray) -> np.ndarray:
-    """(1, x, y, x^2, x y, y^2) of vertices (E, N) in the frames of edges (E, 2) with normals (E, 3): (E, 6, N)."""
+    """Terms (1, x, y, x^2, x y, y^2) of vertices (E, N) in the frames of edges (E, 2) with normals (E, 3): (E, 6, N)."""
     a, b = rest[edges[:, 0]], rest[edges[:, 1]]
     along = b - a
     across = np.cross(normal, along)
@@ -291,18 +295,19 @@ def _first_half_edges(mesh: Topology) -> np.ndarray:
 
 
 def next_half(half: np.ndarray) -> np.ndarray:
-    """The half-edge after each one in its face."""
+    """The half-edge after each given one in its face."""
     return np.where(half % 3 == 2, half - 2, half + 1)
 
 
 def previous_half(half: np.ndarray) -> np.ndarray:
-    """The half-edge before each one in its face."""
+    """The half-edge before each given one in its face."""
     return np.where(half % 3 == 0, half + 2, half - 1)
 
 
 def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> Entries:
-    """Four-point rule (-1, 9, 9, -1)/16 along sharp curves, a parabola (3, 6, -1)/8 beside a corner, else the chord."""
-    # A curve runs through a vertex where just two sharp edges meet, unless they meet at a corner.
+    """Stencils along sharp curves: the four-point rule (-1, 9, 9, -1)/16, a parabola (3, 6, -1)/8 beside a corner, else the
+    chord."""
+    # A curve passes through a vertex at which exactly two sharp edges meet, unless it is a corner.
     through = (mesh.sharp_valence == 2) & ~corners
     neighbours = np.zeros(mesh.vertex_count, dtype=np.int64)
     a, b = mesh.edges[mesh.sharp].T
@@ -310,7 +315,7 @@ def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> En
     np.add.at(neighbours, b, a)
     a, b = mesh.edges[rows].T
     has_a, has_b = through[a], through[b]
-    # the sum of a curve vertex's two neighbours less one of them is the other
+    # a curve vertex has two neighbours: the other one is their sum less the known one
     before = np.where(has_a, neighbours[a] - b, a)
     after = np.where(has_b, neighbours[b] - a, b)
     both, one = has_a & has_b, has_a ^ has_b
@@ -323,14 +328,14 @@ def _curve_stencils(mesh: Topology, corners: np.ndarray, rows: np.ndarray) -> En
 
 
 def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
-    """Butterfly stencil of smooth edges: ends 1/2, opposite vertices 1/8, wings -1/16 (Dyn, Levin, Gregory 1990)."""
+    """Butterfly stencils of smooth edges: ends 1/2, opposite vertices 1/8, wings -1/16 (Dyn, Levin, Gregory 1990)."""
     tail = mesh.faces.ravel()
     rows = mesh.face_edges.ravel()[half]
     twin = mesh.twin[half]
     ends = [tail[half], tail[twin], tail[previous_half(half)], tail[previous_half(twin)]]
     wings = np.concatenate([next_half(half), previous_half(half), next_half(twin), previous_half(twin)])
     rows4 = np.tile(rows, 4)
-    # Where nothing lies beyond a wing, u + v - x stands for the vertex there: weights -1/16 for u and v, +1/16 for x.
+    # Where nothing lies beyond a wing, u + v - x replaces the vertex there: weights -1/16 for u and v, +1/16 for x.
     open_ = mesh.twin[wings] >= 0
     shut = wings[~open_]
     beyond = tail[previous_half(mesh.twin[wings[open_]])]
@@ -344,8 +349,8 @@ def _eight_point_stencils(mesh: Topology, half: np.ndarray) -> Entries:
 
 
 def _ring_stencils(mesh: Topology, start: np.ndarray) -> tuple[np.ndarray, Entries]:
-    """Stencils of half-edges from a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996); and of
-    which half-edges, (R,)."""
+    """Stencils of half-edges that start at a smooth vertex of valence K != 6: 3/4 there, s_j on its ring (Zorin et al. 1996); and
+    the half-edges to which these apply, (R,)."""
     tail = mesh.faces.ravel()
     valence = mesh.valence[tail[start]]
     half, whole = start.copy(), np.ones(len(start), bool)
@@ -356,7 +361,7 @@ def _ring_stencils(mesh: Topology, start: np.ndarray) -> tuple[np.ndarray, Entri
         weights.append(_ring_weights(valence[pick], j))
         picks.append(pick)
         half[pick] = mesh.twin[previous_half(half[pick])]
-        # two fans that meet in one vertex: the walk is round too early
+        # two fans meet in one vertex: the walk returns to its start too early
         whole[pick] &= (half[pick] != start[pick]) | (valence[pick] == j + 1)
     picked = np.concatenate(picks)
     keep = whole[picked]

@@ -17,21 +17,21 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.subdivide import face_normals
 
 MAX_CANDIDATES = 50_000_000
-"""Line-triangle tests per axis; about 5 GB of work arrays."""
+"""Greatest number of line-triangle tests per axis; they take about 5 GB of work arrays."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurfacePoints:
-    """Q points fixed to a surface, ordered by line (axis, i, j) and along it."""
+    """Q points fixed to a surface, ordered by line (axis, i, j) and along each line."""
 
     face: np.ndarray
     """Face that each point lies in, int32 (Q,)."""
     barycentric: np.ndarray
     """Weights of that face's corners, float64 (Q, 3)."""
     area_m2: np.ndarray
-    """Surface that each point stands for, (Q,)."""
+    """Area that each point stands for [m^2], (Q,)."""
     phase_rad: np.ndarray
-    """Phase drawn from (seed, axis, i, j, place along the line), uniform in 0..2 pi, (Q,)."""
+    """Phase [rad] of each point, a hash of (seed, axis, i, j, position along the line), uniform in 0..2 pi, (Q,)."""
 
 
 def point_spacing(area_m2: float, count: int) -> float:
@@ -60,7 +60,7 @@ def surface_points(rest: np.ndarray, faces: np.ndarray, *, seed: int, spacing_m:
 
 
 def hash_uniform(seed: int, *keys: np.ndarray | int) -> np.ndarray:
-    """Numbers in [0, 1) from seed and keys alone: splitmix64 (Steele, Lea, Flood 2014) chained over the keys."""
+    """Numbers in [0, 1) that depend on seed and keys alone: splitmix64 (Steele, Lea, Flood 2014) chained over the keys."""
     state = _splitmix64(np.asarray(seed % 2**64, dtype=np.uint64))
     for key in keys:
         state = _splitmix64(state ^ np.asarray(key, dtype=np.int64).astype(np.uint64))
@@ -68,8 +68,8 @@ def hash_uniform(seed: int, *keys: np.ndarray | int) -> np.ndarray:
 
 
 def _splitmix64(state: np.ndarray) -> np.ndarray:
-    """One step of splitmix64, whose output passes for random however regular the states are."""
-    with np.errstate(over="ignore"):  # arithmetic modulo 2^64 is meant
+    """One step of splitmix64; its output looks random however regular the states are."""
+    with np.errstate(over="ignore"):  # overflow is intended: arithmetic modulo 2^64
         z = state + np.uint64(0x9E3779B97F4A7C15)
         z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
         z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -90,7 +90,7 @@ def _hits(
     solid = np.abs(sides).sum(axis=1) > 0
     hit = np.flatnonzero(solid & (left[:, 0] == left[:, 1]) & (left[:, 1] == left[:, 2]))
     face, i, j = face[hit], i[hit], j[hit]
-    # the side opposite a corner measures that corner's weight
+    # the side opposite a corner measures that corner's barycentric weight
     barycentric = np.abs(sides[hit][:, [1, 2, 0]])
     barycentric /= barycentric.sum(axis=1, keepdims=True)
     along = (barycentric * rest[faces[face], axis]).sum(axis=1)
@@ -104,7 +104,7 @@ def _hits(
 
 
 def _candidates(corners: np.ndarray, spacing_m: float, axis: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Every cell (i, j) that the bounding box of a projected face (F, 3, 2) touches, with the face, each (C,)."""
+    """Every cell (i, j) that the bounding box of a projected face (F, 3, 2) touches, and the index of that face, (C,) each."""
     low = np.floor(corners.min(axis=1) / spacing_m)
     size = np.floor(corners.max(axis=1) / spacing_m) - low + 1
     count = size[:, 0] * size[:, 1]
@@ -122,9 +122,9 @@ def _candidates(corners: np.ndarray, spacing_m: float, axis: int) -> tuple[np.nd
 
 
 def _side(p: np.ndarray, q: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Twice the signed area of (p, q, point), (C,); bit for bit its negative for (q, p), zeros included.
+    """Twice the signed area of (p, q, point), (C,); bit for bit the negative of that for (q, p), zeros included.
 
-    So two faces that share an edge never both have, nor both miss, a line through it.
+    So of two faces that share an edge, never both have a line through it, and never both miss it.
     """
     swap = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
     first, second = np.where(swap[:, None], q, p), np.where(swap[:, None], p, q)

@@ -1,4 +1,4 @@
-"""Vectors of three components: products, unit vectors, what the edges of triangles span, and whether a point lies inside a mesh."""
+"""Vectors of three components: products, unit vectors, normals of triangles, and a test whether a point is inside a mesh."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from t2d_rt.core.errors import InputError
 
 
 def dot(a: Any, b: Any) -> Any:
-    """Scalar product of vectors whose components lie along the first axis: NumPy arrays, or tuples of Dr.Jit arrays."""
+    """Scalar product of vectors whose components are along the first axis: NumPy arrays, or tuples of Dr.Jit arrays."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
-    """Components of the cross product of vectors whose components lie along the first axis, as in `dot`.
+    """Components of the cross product of vectors whose components are along the first axis, as in `dot`.
 
     `np.cross` takes several times as long.
     """
@@ -24,9 +24,9 @@ def cross(a: Any, b: Any) -> tuple[Any, Any, Any]:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """Vectors of length one along the last axis; zero stays zero."""
+    """Unit vectors along the last axis; zero vectors stay zero."""
     if not np.issubdtype(vectors.dtype, np.inexact):
-        vectors = vectors.astype(np.float64)  # squares of integers would wrap around
+        vectors = vectors.astype(np.float64)  # squares of integers would overflow
     return np.asarray(vectors / np.maximum(norms(vectors), 1e-12)[..., None])
 
 
@@ -36,12 +36,12 @@ def norms(vectors: np.ndarray) -> np.ndarray:
 
 
 def median_length(vectors: np.ndarray) -> float:
-    """Median length of vectors along the last axis, as a bone has one in time."""
+    """Median length of vectors along the last axis, such as that of a bone over time."""
     return float(np.median(norms(vectors)))
 
 
 def inner(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Scalar products along the last axis, of few components: `(first * second).sum(axis=-1)`, bit for bit, as fast."""
+    """Scalar products along the last axis, which should be short: bit for bit `(first * second).sum(axis=-1)`, and as fast."""
     product = first[..., 0] * second[..., 0]
     for k in range(1, first.shape[-1]):
         product += first[..., k] * second[..., k]
@@ -49,7 +49,7 @@ def inner(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def vector_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Vector products (..., 3): np.cross, bit for bit, in a fifth of the time that it takes for small arrays."""
+    """Cross products (..., 3): bit for bit np.cross, in a fifth of its time for small arrays."""
     out = np.empty(np.broadcast_shapes(first.shape, second.shape), np.result_type(first, second))
     (a, b, c), (d, e, f) = ((vector[..., 0], vector[..., 1], vector[..., 2]) for vector in (first, second))
     np.multiply(b, f, out=out[..., 0])
@@ -62,13 +62,14 @@ def vector_product(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def edge_cross(corners: np.ndarray) -> np.ndarray:
-    """Cross product (..., 3) of two edges of triangles (..., 3, 3): along the normal, twice as long as the area is large."""
+    """Cross product (..., 3) of two edges of triangles (..., 3, 3): it points along the normal, and its length is twice the
+    area."""
     a = corners[..., 0, :]
     return vector_product(corners[..., 1, :] - a, corners[..., 2, :] - a)
 
 
 def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:
-    """Integers (F, 3) that name vertices, at least one row; an InputError where they do not."""
+    """Checked integers (F, 3) that are indices of vertices, at least one row; raises an InputError where they are not."""
     faces = numeric(name, value)
     if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) == 0:
         raise InputError(f"{name} must have shape (face, 3) with at least one face, got {faces.shape}")
@@ -82,7 +83,7 @@ def checked_faces(name: str, value: Any, vertex_count: int) -> np.ndarray:
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Unit normals (V, 3) at vertices: of the sum of those of the faces (F, 3) around each, by their areas."""
+    """Unit normals (V, 3) at vertices: area-weighted means of the normals of the faces (F, 3) around each."""
     across, normals = edge_cross(vertices[faces]), np.zeros_like(vertices)
     for corner in faces.T:
         np.add.at(normals, corner, across)

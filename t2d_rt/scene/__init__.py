@@ -1,4 +1,4 @@
-"""Rooms: walls with doors and windows, furniture by name, written as Mitsuba/Sionna XML; movers: what moves by itself."""
+"""Rooms with doors, windows and furniture, written as Mitsuba/Sionna XML; and movers, which are things that move by themselves."""
 
 from t2d_rt.scene.movers import CeilingFan, Curtain, Door, Mover, OwnMover, Pet, TableFan, mover
 from t2d_rt.scene.room import Opening, Piece, Room, Slab

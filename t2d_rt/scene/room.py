@@ -39,13 +39,13 @@ class Slab(Fields):
 
 
 class Opening(Fields):
-    """A door or window: a rectangle cut from a wall and filled with a slab, or with nothing."""
+    """A door or window: a rectangle that is cut from a wall and filled with a slab or left open."""
 
     noun: ClassVar[str] = "opening"
 
     name: str
     wall: Side
-    """The wall in which it is, by its direction from the middle of the room."""
+    """The wall that has the opening, by its direction from the middle of the room."""
     along_m: Coordinate = 0.0
     """Offset of its middle from the middle of the wall [m]: along +y in the walls "+x" and "-x", else along +x."""
     width_m: Length
@@ -53,11 +53,11 @@ class Opening(Fields):
     sill_m: Annotated[Number, Field(ge=0, le=50)] = 0.0
     """Height of its lower edge over the floor [m]."""
     slab: Slab | None = None
-    """What fills it; None leaves it open."""
+    """The slab that fills it; None leaves it open."""
 
 
 class Piece(Fields):
-    """A piece of furniture in its place."""
+    """A piece of furniture at its place."""
 
     noun: ClassVar[str] = "piece of furniture"
 
@@ -68,7 +68,7 @@ class Piece(Fields):
     x_m: Coordinate
     y_m: Coordinate
     z_m: Coordinate = 0.0
-    """`x_m` and `y_m` are the place of its middle, `z_m` the height of the floor under it [m]."""
+    """Height of the floor under it [m]; `x_m` and `y_m` are the position of its middle."""
     heading_deg: Number = 0.0
     """Direction that it faces: 0 is +x, 90 is +y."""
 
@@ -88,7 +88,8 @@ class Room(Fields):
     size_m: tuple[Length, Length, Length]
     """Lengths along x, y and z [m]."""
     corner_m: tuple[Coordinate, Coordinate] | None = None
-    """x and y of the lowest corner [m]; by default 0.5 m behind a radar at x = 0, y from -width/2."""
+    """x and y of the corner with the least coordinates [m]; by default x = -0.5, so that a radar at x = 0 is 0.5 m inside, and y =
+    -width/2."""
     walls: Slab = Slab(material="plasterboard", thickness_m=0.0125)
     floor: Slab = Slab(material="concrete", thickness_m=0.2)
     ceiling: Slab = Slab(material="concrete", thickness_m=0.2)
@@ -117,7 +118,7 @@ class Room(Fields):
         return self
 
     def scene(self) -> Scene:
-        """The room's surfaces as a scene: floor, ceiling, walls with their openings, furniture."""
+        """The surfaces of the room as a scene: floor, ceiling, walls with their openings, furniture."""
         low, high = self._box()
         corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
         surfaces = [
@@ -136,8 +137,8 @@ class Room(Fields):
         return low, low + self.size_m
 
     def _wall(self, side: Side, low: np.ndarray, high: np.ndarray) -> list[Surface]:
-        """A wall cut into rectangles around its openings, and what fills these; edges of openings go on as cuts over the whole
-        wall, so that no two rectangles meet within an edge."""
+        """A wall divided into rectangles around its openings, and the slabs that fill these. Cuts along the edges of openings run
+        over the whole wall, so that rectangles always share whole edges."""
         axis = "xy".index(side[1])
         place = (high if side[0] == "+" else low)[axis]
         along = 1 - axis
@@ -151,7 +152,7 @@ class Room(Fields):
 
         cuts = sorted({low[along], high[along], *(edge for span in spans for edge in span[:2])})
         levels = sorted({0.0, high[2], *(edge for span in spans for edge in span[2:])})
-        # A wall is cut along all edges of its openings; the plates that lie within an opening are left out.
+        # The wall is cut along all edges of its openings; rectangles within an opening are left out.
         plates = [
             _upright(axis, place, (s0, s1, z0, z1))
             for s0, s1 in pairwise(cuts)
@@ -161,7 +162,7 @@ class Room(Fields):
                 for a, b, c, d in spans
             )
         ]
-        # Seen from inside, counter-clockwise.
+        # counter-clockwise as seen from inside
         flipped = side in ("+x", "-y")
         surfaces = [_plates(f"wall{side}", plates, self.walls, flipped)]
         for opening, span in zip(holes, spans, strict=True):
@@ -172,7 +173,7 @@ class Room(Fields):
     def _check_openings(
         self, side: Side, holes: list[Opening], spans: Sequence[tuple[float, ...]], low: float, high: float, top: float
     ) -> None:
-        """Refuses openings that reach beyond their wall, from `low` to `high` along it and up to `top`, or overlap."""
+        """Refuses openings that overlap, or that reach beyond their wall, which extends from `low` to `high` and up to `top`."""
         for number, (opening, (a, b, c, d)) in enumerate(zip(holes, spans, strict=True)):
             if a < low - _FREE_M or b > high + _FREE_M or c < 0 or d > top + _FREE_M:
                 raise InputError(
@@ -184,7 +185,7 @@ class Room(Fields):
                     raise InputError(f"{opening.name} and {other.name} overlap in wall {side}; move one of them")
 
     def _placed(self, piece: Piece, low: np.ndarray, high: np.ndarray) -> list[Surface]:
-        """The surfaces of a piece of furniture in its place, one for each material."""
+        """The surfaces of a piece of furniture at its place, one for each material."""
         name = piece.name or piece.kind
         rotation, parts = about_z(math.radians(piece.heading_deg)), furniture(piece.kind)
         surfaces = []
@@ -220,14 +221,15 @@ def furniture(kind: str) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 
 def _upright(axis: int, place: float, span: tuple[float, ...]) -> list[tuple[float, float, float]]:
-    """Corners of a rectangle in the plane where x (axis 0) or y (axis 1) is `place`; `span`: from, to along the other and in z."""
+    """Corners of a rectangle in the plane where x (axis 0) or y (axis 1) is `place`; `span`: from and to along the other axis, then
+    along z."""
     first, last, low, high = span
     corners = [(first, low), (last, low), (last, high), (first, high)]
     return [(place, along, z) if axis == 0 else (along, place, z) for along, z in corners]
 
 
 def _plates(name: str, plates: list[list[tuple[float, float, float]]], slab: Slab, flipped: bool = False) -> Surface:
-    """Rectangles of four corners each, as two triangles each; `flipped` the other way round."""
+    """A surface of rectangles, given by four corners each and divided into two triangles; `flipped` reverses their orientation."""
     vertices = np.array(plates, float).reshape(-1, 3)
     faces = np.concatenate([np.array([[0, 1, 2], [0, 2, 3]]) + 4 * k for k in range(len(plates))])
     return Surface(

@@ -1,4 +1,4 @@
-"""Surfaces of what people carry, in the frame of each thing: x forward, y left, z up."""
+"""Surfaces of the things that people carry, in the frame of each thing: x forward, y left, z up."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from t2d_rt.types import Material
 from t2d_rt.types.carried import HANDLE_M, RIM_M, WHEEL_M, Carried
 
 STEP_M = 0.1
-"""Distance between vertices [m], at which visibility is sampled."""
+"""Distance between vertices [m], the points at which visibility is sampled."""
 PER_RING = 12
-"""Points around a tube: edges of 30 degrees are smooth."""
+"""Number of points around a tube; its edges of 30 degrees count as smooth."""
 CANE_HANDLE_M, CUFF_M = 0.06, 0.22
-"""Half the length of a cane's handle; height of a crutch's cuff over its grip."""
+"""Half the length of a cane's handle, and height of a crutch's cuff above its grip [m]."""
 TUBE_M, CASTOR_M = 0.0125, 0.0635
-"""Radii of the tubes of frames, of 25 mm, and of a walking frame's wheels, of 5 inches."""
+"""Radii of the tubes of frames (25 mm in diameter) and of a walking frame's wheels (5 inches in diameter) [m]."""
 SPOKES, SPOKE_M = 12, 0.0025
-"""Spokes of a rear wheel, and their radius [m]. Real wheels have some 24 to 36 of 2 mm; fewer and thicker ones need fewer facets,
-and physical optics holds for neither: 5 mm is 0.4 wavelengths at 24 GHz and 1.3 at 77 GHz."""
+"""Number of spokes of a rear wheel, and their radius [m]. Real wheels have some 24 to 36 of 2 mm. Fewer and thicker ones need fewer
+facets, and physical optics holds for neither: 5 mm is 0.4 wavelengths at 24 GHz and 1.3 at 77 GHz."""
 
 OUTWARD = np.stack(np.meshgrid(*3 * [np.arange(-2, 3)]), axis=0).reshape(3, -1)
-"""Directions (3, 125) in which corners of a surface are looked for."""
+"""Directions (3, 125) in which the outermost vertices of a surface are searched."""
 
 Solid = tuple[np.ndarray, np.ndarray]
 """Vertices (V, 3) [m] and faces (F, 3)."""
 
 
 def surface(carried: Carried) -> Solid:
-    """The surface of a thing in its own frame, without wheels that roll."""
+    """The surface of a thing in its own frame, without the wheels that roll."""
     size = carried.size_m
     if carried.thing == "crutch":
         radius_m = size[0] / 2
@@ -58,7 +58,8 @@ def surface(carried: Carried) -> Solid:
 
 
 def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
-    """Axles (3,) in the frame of a thing, radii [m] and surfaces about their axle, along y, of wheels that roll with it."""
+    """Wheels that roll with a thing: axle (3,) in the frame of the thing, radius [m], and surface relative to the axle, which is
+    along y."""
     if carried.thing != "wheelchair":
         return []
     tyre, hub = torus(WHEEL_M - TUBE_M, TUBE_M), tube([0, -0.04, 0], [0, 0.04, 0], 0.025)
@@ -69,14 +70,14 @@ def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
     vertices, faces = together([tyre, hub, *spokes])
     wheels_of_thing = []
     for side in (1.0, -1.0):
-        # The hand rim lies outside the wheel.
+        # the hand rim is on the outer side of the wheel
         solid = together([(vertices - [0.0, 0.04 * side, 0.0], faces), torus(RIM_M, 0.009)])
         wheels_of_thing.append((np.array([0.0, side * carried.size_m[0] / 2, WHEEL_M]), WHEEL_M, solid))
     return wheels_of_thing
 
 
 def _walker_side(y: float, height_m: float) -> list[Solid]:
-    """Grip, two legs, a rail and the front wheel of one side of a walking frame; dimensions by eye."""
+    """Grip, two legs, a rail and the front wheel on one side of a walking frame; dimensions are estimates."""
     return [
         tube([-0.1, y, height_m], [0.1, y, height_m], TUBE_M),
         tube([-0.08, y, height_m - TUBE_M], [-0.14, y, 0.0], TUBE_M),
@@ -93,9 +94,9 @@ def _across(size_m: tuple[float, ...]) -> list[Solid]:
 
 
 def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
-    """Seat, back, tubes, casters and footrests, `rest_m` ahead and `low_m` high, of a wheelchair as wide as twice y [m].
+    """Seat, back, tubes, casters and footrests of a wheelchair of width 2 y [m]; the footrests are `rest_m` ahead and `low_m` high.
 
-    Dimensions are those of a folding chair for adults, by eye.
+    Dimensions are estimates for a folding chair for adults.
     """
     seat, back = block((0.42, 2 * y, 0.03)), block((0.03, 2 * y, 0.42))
     solids = [
@@ -117,7 +118,7 @@ def _chair(y: float, seat_m: float, rest_m: float, low_m: float) -> list[Solid]:
 
 
 def torus(radius_m: float, tube_m: float) -> Solid:
-    """A torus about y, which a turn from spoke to spoke maps on itself."""
+    """A torus about y; a rotation from one spoke to the next maps it onto itself."""
     count = SPOKES * max(2, round(2 * math.pi * radius_m / STEP_M * 2 / SPOKES))
     angle, ring = 2 * math.pi * np.arange(count) / count, 2 * math.pi * np.arange(PER_RING) / PER_RING
     far = radius_m + tube_m * np.cos(ring)
@@ -132,20 +133,20 @@ def torus(radius_m: float, tube_m: float) -> Solid:
 
 
 def outline(vertices: np.ndarray) -> np.ndarray:
-    """Numbers of vertices (V, 3) that lie all over a surface: its corners, and one in each cube of `STEP_M`."""
+    """Indices of vertices (V, 3) that represent a surface: its extreme points, and one in each cube of `STEP_M`."""
     corners = (vertices @ OUTWARD).argmax(axis=0)
     _, spread = np.unique(np.floor(vertices / STEP_M), axis=0, return_index=True)
     return np.union1d(corners, spread)
 
 
 def substance(carried: Carried) -> str | Material:
-    """What it is made of."""
+    """Material of a thing."""
     material = carried.material
     return MATERIALS.get(material, material) if isinstance(material, str) else material
 
 
 def block(size_m: tuple[float, ...]) -> Solid:
-    """A box about the origin with sides along the axes, its faces cut into rectangles of `STEP_M` at most."""
+    """A box centred at the origin with sides along the axes, its faces divided into rectangles of at most `STEP_M`."""
     counts = np.array([math.ceil(side_m / STEP_M) for side_m in size_m])
     cells, first = [], 0
     for axis in range(3):

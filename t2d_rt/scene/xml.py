@@ -1,4 +1,4 @@
-"""A `Scene` as a Mitsuba/Sionna XML file with its meshes, for `sionna.rt.load_scene` too."""
+"""Writes a `Scene` as a Mitsuba/Sionna XML file with its meshes, which `sionna.rt.load_scene` reads, too."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.types import Scene, Surface
 
 MARK = " made by t2d-rt "
-"""Comment in a scene file; only a folder whose scene begins so is replaced."""
+"""Comment at the beginning of a scene file; only folders with such a file are replaced."""
 BEGINNING = re.compile(
     rf'<scene version="2\.1\.0">\s*(<!--{MARK}-->\s*)?<bsdf type="itu-radio-material" id="[^"]+-\d+um">'
 )
-"""Beginning of a scene file that `save_scene` wrote, of older ones without the mark too."""
+"""Pattern for the beginning of a scene file that `save_scene` wrote; older ones have no mark."""
 
 
 def save_scene(scene: Scene, folder: str | Path) -> Path:
@@ -32,7 +32,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
     target = file_path("folder", folder).resolve()
     if not scene.name or Path(scene.name).name != scene.name:
         raise InputError(f"scene name {scene.name!r} cannot be the name of a file; give one without slashes")
-    # A folder that was left by a run that was killed is settled first: it holds the old scene or the new one, whole.
+    # A folder left by a killed run is repaired first: it then holds the old scene or the new one, complete.
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         settle(target)
@@ -45,7 +45,7 @@ def save_scene(scene: Scene, folder: str | Path) -> Path:
 
 
 def _check_replaceable(folder: Path) -> None:
-    """Refuses a folder that holds anything but a scene of `save_scene`."""
+    """Refuses a folder that holds anything but a scene written by `save_scene`."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
     files = [path for path in folder.rglob("*") if not path.is_dir()] if folder.is_dir() else []
@@ -63,7 +63,7 @@ def _beginning(file: Path) -> str:
 
 
 def _write(scene: Scene, folder: Path) -> None:
-    """The XML file and the meshes of a scene, in a new folder."""
+    """Writes the XML file and the meshes of a scene to a new folder."""
     (folder / "meshes").mkdir(parents=True)
     root = ElementTree.Element("scene", version="2.1.0")
     root.append(ElementTree.Comment(MARK))
@@ -86,7 +86,7 @@ def _write(scene: Scene, folder: Path) -> None:
 
 
 def _material(surface: Surface) -> str:
-    """The id of a surface's material in the file: its ITU name and its thickness in micrometres."""
+    """The id of a surface's material in the file: its ITU name and thickness in micrometres."""
     if not isinstance(surface.material, str):
         raise InputError(
             f"{surface.name} has a material of its own ({surface.material.name}), which a scene file cannot hold; use an ITU name"
@@ -95,12 +95,12 @@ def _material(surface: Surface) -> str:
 
 
 def _identity(name: str) -> str:
-    """A name that Mitsuba and file systems take."""
+    """A name that is valid for Mitsuba and for file systems."""
     return re.sub(r"[^A-Za-z0-9+_-]+", "-", name)
 
 
 def _write_ply(path: Path, surface: Surface) -> None:
-    """Binary PLY; float32, as Mitsuba reads it."""
+    """Writes a binary PLY file in float32, as Mitsuba reads it."""
     faces = np.zeros(len(surface.faces), dtype=[("count", "u1"), ("corners", "<i4", 3)])
     faces["count"], faces["corners"] = 3, surface.faces
     header = (

@@ -22,13 +22,13 @@ from t2d_rt.types.fields import Fields
 
 
 class OwnMover(Fields, ABC):
-    """Base class of movers of other packages: their fields, of which `kind` is the name that is registered, and their mesh."""
+    """Base class for movers of other packages: their fields, of which `kind` is the registered name, and their mesh."""
 
     noun: ClassVar[str] = "mover"
 
     @abstractmethod
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The mover's surface from one time to another [s]."""
+        """The mover's surface from `start_s` to `stop_s` [s]."""
 
 
 Mover = TableFan | CeilingFan | Curtain | Door | Pet | OwnMover
@@ -50,12 +50,12 @@ def mover(entry: str | Mapping[str, Any]) -> Mover:
 
 
 def kind_names() -> list[str]:
-    """Kinds of movers, those of other packages last, of which none is loaded."""
+    """Names of the kinds of movers, those of other packages last; none of these is loaded."""
     return [*KINDS, *plugins("movers", KINDS)]
 
 
 def kind_named(name: str) -> type[Mover]:
-    """The class of a kind; of other packages only the one that has it is loaded."""
+    """The class of a kind of mover; of other packages only the one that defines it is loaded."""
     if name in KINDS:
         return KINDS[name]
     others = plugins("movers", KINDS)
@@ -74,14 +74,15 @@ def kind_named(name: str) -> type[Mover]:
 
 
 def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields with the one that is given without its key, where it is."""
+    """Fields with `value`, if there is one, added as `key`."""
     if value and key in fields:
         raise InputError(f"{entry!r:.100} gives {key} twice; give it once")
     return {**fields, key: value} if value else dict(fields)
 
 
 def parsed(entry: str | Mapping[str, Any]) -> tuple[str, list[str], dict[str, Any]]:
-    """Kind, values without a key and values by key, of a text "kind:value,...,key=value,..." or of a mapping with a kind."""
+    """Splits a text "kind:value,...,key=value,...", or a mapping with a kind, into kind, values without a key, and values by
+    key."""
     if isinstance(entry, Mapping) and isinstance(entry.get("kind"), str):
         return entry["kind"], [], {str(key): value for key, value in entry.items() if key != "kind"}
     if not isinstance(entry, str) or ":" not in entry:

@@ -16,11 +16,11 @@ from t2d_rt.types.fields import Count, Fields, Number, Vector
 
 THICKNESS_M = 0.002
 MODES = 3
-"""Modes of the hanging cloth that the draught keeps going, the n-th with 1/n^2 of the amplitude."""
+"""Number of modes of the hanging cloth that the draught excites; the n-th has 1/n^2 of the amplitude."""
 SAGITTA_RAD = 0.5
-"""Phase sagitta of its facets: most of a curtain's echo is diffuse, and its folds are narrow."""
+"""Phase sagitta of its facets [rad], rather large: most of a curtain's echo is diffuse, and its folds are narrow."""
 PER_FOLD, ROW_M = 12, 0.1
-"""Columns of vertices in one fold, and the height of a row."""
+"""Columns of vertices in a fold, and height of a row of vertices [m]."""
 
 
 class Curtain(Fields):
@@ -41,13 +41,13 @@ class Curtain(Fields):
     width_m: Length = 1.2
     height_m: Length = 2.2
     fold_m: Annotated[Number, Field(gt=0.02, le=1)] = 0.15
-    """Distance from one fold to the next."""
+    """Distance from one fold to the next [m]."""
     depth_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.04
-    """Depth of the folds, from crest to trough."""
+    """Depth of the folds, from crest to trough [m]."""
     draught_m: Annotated[Number, Field(ge=0, le=0.5)] = 0.08
-    """Strength of the draught: amplitude of the slowest swing at the lower edge."""
+    """Strength of the draught: amplitude of the slowest mode at the lower edge [m]."""
     wavelength_m: Annotated[Number, Field(ge=0.1, le=20)] = 1.0
-    """Wavelength of the waves that run along the curtain."""
+    """Wavelength of the waves that run along the curtain [m]."""
     seed: Annotated[Count, Field(ge=0)] = 0
     """Seed of the waves' phases and directions."""
     material: Substance = "fabric"
@@ -60,25 +60,25 @@ class Curtain(Fields):
 
     @property
     def _grid(self) -> tuple[int, int]:
-        """Rows and columns of vertices on each side."""
+        """Numbers of rows and columns of vertices on each side."""
         columns = max(4, math.ceil(PER_FOLD * self.width_m / self.fold_m)) + 1
         return max(4, math.ceil(self.height_m / ROW_M)) + 1, columns
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The cloth between two times."""
+        """The cloth from `start_s` to `stop_s` [s]."""
         from scipy.special import j0, jn_zeros
 
         rows, columns = self._grid
         aside = np.linspace(-self.width_m / 2, self.width_m / 2, columns)
         up = np.linspace(0, 1, rows)
         folds = self.depth_m / 2 * np.sin(2 * math.pi * aside / self.fold_m)
-        # Seen from its front, which faces +x, the curtain's +y is to the right.
+        # seen from its front, which faces +x, the curtain's +y is to the right
         rest = np.stack(np.broadcast_arrays(folds, aside, (up[:, None] - 1) * self.height_m), axis=-1)
         zeros = jn_zeros(0, MODES)
         frequency = zeros / 2 * math.sqrt(STANDARD_GRAVITY / self.height_m)
         mode_shapes = j0(zeros * np.sqrt(up)[:, None]) * self.draught_m / np.arange(1, MODES + 1) ** 2
-        mode_shapes[-1] = 0  # at the rail, where a zero is one to rounding only
-        # Each mode is a wave that runs along the curtain, one way or the other.
+        mode_shapes[-1] = 0  # at the rail the mode is zero only up to rounding
+        # Each mode is a wave that runs along the curtain in one of the two directions.
         rng = np.random.default_rng(self.seed)
         phase, direction = rng.uniform(0, 2 * math.pi, MODES), rng.choice([-1, 1], MODES)
         wave = direction * 2 * math.pi * aside[:, None] / self.wavelength_m + phase

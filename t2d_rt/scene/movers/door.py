@@ -15,13 +15,13 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 STEP_M = 0.1
-"""Distance between vertices [m], at which visibility is sampled."""
+"""Distance between vertices [m], the points at which visibility is sampled."""
 
 
 class Door(Fields):
-    """The leaf of a door, which opens smoothly, once or again and again.
+    """The leaf of a door, which opens smoothly, once or periodically.
 
-    Its edge is never faster than 15/8 x width x angle / opening_s.
+    The speed of its edge is at most 15/8 x width x angle / opening_s.
     """
 
     noun: ClassVar[str] = "door"
@@ -55,7 +55,7 @@ class Door(Fields):
         return self
 
     def opening(self, times_s: np.ndarray) -> np.ndarray:
-        """How far it is open (K,), 0..1."""
+        """Fraction of the angle by which it is open at times (K,), 0..1, (K,)."""
         since = times_s - self.opens_at_s
         if self.period_s is None:
             return ease(since / self.opening_s)
@@ -63,7 +63,7 @@ class Door(Fields):
         return ease(since / self.opening_s) - ease((since - self.period_s / 2) / self.opening_s)
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The leaf between two times."""
+        """The leaf from `start_s` to `stop_s` [s]."""
         along = np.linspace(0, self.width_m, max(2, math.ceil(self.width_m / STEP_M)) + 1)
         up = np.linspace(0, self.height_m, max(2, math.ceil(self.height_m / STEP_M)) + 1)
         middle = np.stack(np.broadcast_arrays(along, 0.0, up[:, None]), axis=-1)

@@ -33,11 +33,12 @@ Blades = Annotated[Count, Field(ge=1, le=12)]
 Pitch = Annotated[Number, Field(ge=0, le=80)]
 
 FACET_M = 0.008
-"""About the size of a blade's triangles: their phases may not part by much from one surface frame to the next."""
+"""Approximate size of a blade's triangles [m]: within one, phases must not diverge much from one surface frame to the next."""
 HUB, CHORD = 0.22, 0.55
-"""Radius of the hub, and width of a table fan's blade, as fractions of the tips' radius."""
+"""Radius of the hub, and width of a table fan's blade, as fractions of the radius of the tips."""
 PITCH_AT, TIP = 0.75, 0.94
-"""The radius, as a fraction of the tip's, that pitch is given at; how far outline and section reach towards their pointed ends."""
+"""Radius at which the pitch is given, and radius up to which the blade is drawn towards its pointed tip, as fractions of the tips'
+radius."""
 
 
 class TableFan(Fields):
@@ -54,15 +55,15 @@ class TableFan(Fields):
     """Elevation of the direction in which it blows."""
     blades: Blades = 3
     radius_m: Annotated[Number, Field(ge=0.01, le=1)] = 0.18
-    """Radius of the blades' tips."""
+    """Radius of the blades' tips [m]."""
     pitch_deg: Pitch = 25.0
-    """Angle of the blades to the plane in which they rotate, at 3/4 of the radius; twisted as the helicoid of that pitch."""
+    """Angle of the blades to the plane of rotation at 3/4 of the radius [deg]; they are twisted like the helicoid of that pitch."""
     rpm: Rpm = 900.0
     """Revolutions per minute; negative runs backwards."""
     swing_deg: Annotated[Number, Field(ge=0, le=360)] = 0.0
-    """Angle from one end of its swing to the other."""
+    """Angle from one end of its swing to the other [deg]."""
     swing_period_s: Seconds = 12.0
-    """Period of the swing, there and back."""
+    """Period of the swing, there and back [s]."""
     material: Substance = "plastic"
 
     @model_validator(mode="after")
@@ -72,16 +73,16 @@ class TableFan(Fields):
 
     @property
     def rotation_period_s(self) -> float | None:
-        """Time of a rotation [s]; None where it swings, too, or hardly moves."""
+        """Duration of a rotation [s]; None where the fan swings as well, or hardly moves."""
         return None if self.swing_deg else _period_s(self.rpm)
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The blades and the hub between two times."""
+        """The blades and the hub from `start_s` to `stop_s` [s]."""
         rotor, faces = _rotor(self.blades, self.radius_m, CHORD * self.radius_m, 0.003, self.pitch_deg)
         return moving(self, partial(self._rotated, rotor), faces, (start_s, stop_s), name=self.noun)
 
     def _rotated(self, rotor: np.ndarray, times_s: np.ndarray) -> np.ndarray:
-        # From the rotor's own axis x: it spins, is tilted up, and swings about the vertical.
+        # From the rotor's own axis x: it rotates, is tilted up, and swings about the vertical.
         swing = self.swing_deg / 2 * np.sin(2 * math.pi * times_s / self.swing_period_s)
         head = about_z(np.radians(self.heading_deg + swing)) @ about_y(-math.radians(self.elevation_deg))
         return _spun(rotor, head, self.rpm, times_s) + self.position_m
@@ -97,9 +98,9 @@ class CeilingFan(Fields):
     """Position of the hub's centre, in the plane of the blades [m]."""
     blades: Blades = 4
     radius_m: Annotated[Number, Field(ge=0.01, le=4)] = 0.6
-    """Radius of the blades' tips."""
+    """Radius of the blades' tips [m]."""
     chord_m: Length = 0.12
-    """Greatest width of a blade."""
+    """Greatest width of a blade [m]."""
     pitch_deg: Pitch = 12.0
     """As in `TableFan`."""
     rpm: Rpm = 120.0
@@ -115,11 +116,11 @@ class CeilingFan(Fields):
 
     @property
     def rotation_period_s(self) -> float | None:
-        """Time of a rotation [s]; None where it hardly moves."""
+        """Duration of a rotation [s]; None where it hardly moves."""
         return _period_s(self.rpm)
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The blades and the hub between two times."""
+        """The blades and the hub from `start_s` to `stop_s` [s]."""
         rotor, faces = _rotor(self.blades, self.radius_m, self.chord_m, 0.006, self.pitch_deg)
         return moving(self, partial(self._rotated, rotor), faces, (start_s, stop_s), name=self.noun)
 
@@ -128,12 +129,12 @@ class CeilingFan(Fields):
 
 
 def _period_s(rpm: float) -> float | None:
-    # With one blade in place of the next the surface is the same, but its diffuse points are not.
+    # Not divided by the number of blades: their surfaces are alike, but not their diffuse points.
     return 60 / abs(rpm) if abs(rpm) >= 1 else None
 
 
 def _check_rotor(fan: TableFan | CeilingFan, chord_m: float) -> None:
-    """Refuses a fan of too many vertices, or whose tips move faster than sound."""
+    """Refuses a fan with too many vertices, or with tips that move faster than sound."""
     rows, columns = _grid(0.8 * HUB * fan.radius_m, fan.radius_m, chord_m)
     check_size(2 * fan.blades * rows * columns, fan.noun, "lower radius_m or give fewer blades")
     speed_mps = 2 * math.pi * fan.radius_m * abs(fan.rpm) / 60
@@ -147,7 +148,7 @@ def _spun(rotor: np.ndarray, head: np.ndarray, rpm: float, times_s: np.ndarray) 
 def _rotor(
     blades: int, radius_m: float, chord_m: float, thickness_m: float, pitch_deg: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (V, 3) m and faces (F, 3) of hub and blades that rotate about +x, the direction in which they blow."""
+    """Vertices (V, 3) m and faces (F, 3) of hub and blades, which rotate about +x, the direction in which they blow."""
     hub_m, (hub, hub_faces) = HUB * radius_m, ball(7, 24)
     parts = [(hub_m * (hub * [0.6, 1.0, 1.0]), hub_faces)]
     blade, faces = _blade(0.8 * hub_m, radius_m, chord_m, thickness_m, pitch_deg)
@@ -156,7 +157,7 @@ def _rotor(
 
 
 def _grid(root_m: float, tip_m: float, chord_m: float) -> tuple[int, int]:
-    """Sections of a blade, and points of each of their sides."""
+    """Number of sections of a blade, and of points on each side of a section."""
     return max(8, math.ceil((tip_m - root_m) / FACET_M)), max(4, math.ceil(chord_m / FACET_M))
 
 
@@ -165,7 +166,7 @@ def _blade(
 ) -> tuple[np.ndarray, np.ndarray]:
     """One blade along y: lens-shaped sections on cylinders about x, pitched as the helicoid r tan(pitch) = constant.
 
-    So every point of a section is as far from the axis as the section, and no point farther than the tip.
+    All points of a section are thus at the same distance from the axis, and none is beyond the tip.
     """
     rows, half = _grid(root_m, tip_m, chord_m)
     along = np.linspace(-TIP, TIP, rows)
@@ -175,7 +176,7 @@ def _blade(
     lens, bulge = np.concatenate([lens, lens[::-1]]), np.concatenate([1 - lens**2, lens**2 - 1])
     planform = np.sqrt(1 - along**4)[:, None]
     chordwise, across = chord_m / 2 * planform * lens / TIP, thickness_m / 2 * planform * bulge
-    # The leading edge trails behind in x: what moves with it pushes the air to +x.
+    # The leading edge lies behind in x, so that the moving blade pushes the air to +x.
     forward = chordwise * np.cos(pitch) + across * np.sin(pitch)
     axial = across * np.cos(pitch) - chordwise * np.sin(pitch)
     azimuth = forward / radius[:, None]

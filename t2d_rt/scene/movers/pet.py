@@ -1,4 +1,4 @@
-"""A dog or a cat that walks: a lateral-sequence walk on pantograph legs, skinned with balls and tapered capsules."""
+"""A walking dog or cat: a lateral-sequence walk on pantograph legs, with a skin of ellipsoids and tapered capsules."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from t2d_rt.types import MovingMesh
 from t2d_rt.types.fields import Fields, Number, Vector
 
 DUTY_FACTOR = 0.65
-"""Fraction of a stride for which a paw stands on the floor; walks lie in 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
+"""Fraction of a stride during which a paw stands on the floor; for walks 0.5..0.75 (Hildebrand, Am. Zool. 20, 1980)."""
 TOUCHDOWN = {"left hind": 0.0, "left fore": 0.25, "right hind": 0.5, "right fore": 0.75}
-"""When each paw touches down, as a fraction of the stride: the lateral sequence, evenly spaced (Hildebrand)."""
+"""Fraction of the stride at which each paw touches down: the lateral sequence, evenly spaced (Hildebrand)."""
 SAGITTA_RAD = 0.3
-"""Phase sagitta of its facets: fur scatters most of the echo."""
+"""Phase sagitta of its facets [rad], rather large, for fur scatters most of the echo diffusely."""
 RINGS, PER_RING = 9, 12
 Part = tuple[np.ndarray, np.ndarray]
 """Vertices (K, V, 3) m and faces (F, 3)."""
@@ -39,39 +39,39 @@ Part = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """Proportions, in units of the hip's height unless said otherwise."""
+    """Proportions of an animal, in units of the hip's height unless said otherwise."""
 
     hip_m: float
     """Height of hips and shoulders at rest [m]."""
     trunk: float
     """Length from the hips to the shoulders."""
     chest: tuple[float, float, float]
-    """Semi-axes of the trunk: along, across, up."""
+    """Semi-axes of the trunk: lengthwise, sideways, upward."""
     stance: float
-    """Distance from the middle to the hips, and to the paws, of one side."""
+    """Distance from the middle plane to the hips and paws of one side."""
     limb: float
     """Radius of the upper leg; lower parts are thinner."""
     neck: float
     head: tuple[float, float, float]
-    """Semi-axes: along, across, up."""
+    """Semi-axes of the head: lengthwise, sideways, upward."""
     tail: float
 
 
-# Round figures for a retriever, 38 l, and a house cat, 4.5 l.
+# round figures for a retriever, 38 l, and a house cat, 4.5 l
 BUILDS = {
     "dog": Build(0.50, 1.05, (0.70, 0.22, 0.27), 0.16, 0.12, 0.42, (0.24, 0.13, 0.14), 0.60),
     "cat": Build(0.24, 1.15, (0.76, 0.23, 0.27), 0.15, 0.11, 0.32, (0.22, 0.18, 0.17), 1.00),
 }
 UPPER, MIDDLE, LOWER = 0.42, 0.50, 0.33
-"""Parts of a leg in units of the hip's height. Upper and lower stay parallel, as in a pantograph (Fischer and Blickhan, J. Exp.
-Zool. 305A, 2006): it bends like two parts of the lengths UPPER + LOWER and MIDDLE."""
+"""Lengths of the three parts of a leg in units of the hip's height. Upper and lower part stay parallel, as in a pantograph (Fischer
+and Blickhan, J. Exp. Zool. 305A, 2006), so that the leg bends like two parts of lengths UPPER + LOWER and MIDDLE."""
 PAW = (0.09, 0.055, 0.05)
-"""Semi-axes of a paw."""
+"""Semi-axes of a paw, in units of the hip's height."""
 LIFT, BOB = 0.12, 0.02
-"""How high a swinging paw is lifted; by how much hips and shoulders rise over a standing leg, out of phase with each other
-(Griffin, Main and Farley, J. Exp. Biol. 207, 2004)."""
+"""Height to which a swinging paw is lifted; and height by which hips and shoulders rise over a standing leg, out of phase with each
+other (Griffin, Main and Farley, J. Exp. Biol. 207, 2004)."""
 NOD_DEG, WAG_DEG = 6.0, 15.0
-"""Swing of the neck, twice in a stride, and of the tail, once."""
+"""Amplitudes of the swing of the neck, twice in a stride, and of the tail, once [deg]."""
 
 
 class Pet(Fields):
@@ -124,11 +124,11 @@ class Pet(Fields):
 
     @property
     def stride_hz(self) -> float:
-        """Strides per second [Hz]: speed over length of a stride."""
+        """Stride frequency [Hz]: speed over stride length."""
         return self.speed_mps / self.stride_m
 
     def mesh(self, start_s: float, stop_s: float) -> MovingMesh:
-        """The skin between two times."""
+        """The skin from `start_s` to `stop_s` [s]."""
         _, faces = self._skin(np.zeros(1))
         return moving(self, self._vertices, faces, (start_s, stop_s), sagitta_rad=SAGITTA_RAD, name=self.animal)
 
@@ -136,7 +136,7 @@ class Pet(Fields):
         return self._skin(times_s)[0]
 
     def _ground(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Middle of the trunk on the floor (K, 3) and heading [rad] (K,)."""
+        """Position on the floor under the middle of the trunk (K, 3) m, and heading [rad] (K,)."""
         travelled_m = self.speed_mps * times_s
         first = math.radians(self.heading_deg)
         if self.turn_radius_m is None:
@@ -147,14 +147,14 @@ class Pet(Fields):
         return there @ about_z(first).T + self.position_m, first + angle
 
     def _foothold(self, stride: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Place (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip in the middle of the stance."""
-        # Leg and foothold are then as far apart when the paw touches down as when it is lifted.
+        """Position (K, 3) and heading (K,) of a paw on the floor in its n-th stride: below the hip at the middle of the stance."""
+        # Leg and foothold are then at the same distance at touch-down and at lift-off.
         middle = (stride + touchdown + DUTY_FACTOR / 2) / self.stride_hz
         there, heading = self._ground(middle)
         return there + about_z(heading) @ hip, heading
 
     def _paw(self, times_s: np.ndarray, touchdown: float, hip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Place (K, 3) and heading (K,) of a paw, which stands where it has touched down and swings to its next foothold."""
+        """Position (K, 3) and heading (K,) of a paw, which stands where it touched down and then swings to its next foothold."""
         since = self.stride_hz * times_s - touchdown
         stride = np.floor(since)
         swing = np.clip((since - stride - DUTY_FACTOR) / (1 - DUTY_FACTOR), 0, 1)
@@ -166,18 +166,19 @@ class Pet(Fields):
         return place, heading + gone * (next_heading - heading)
 
     def _skin(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Vertices (K, V, 3) m and faces (F, 3)."""
-        # Trunk and head ride on the ground track; a leg joins its hip to a paw that keeps to its footholds, so that none slides.
+        """Vertices (K, V, 3) m and faces (F, 3) at times (K,)."""
+        # Trunk and head follow the track on the ground; legs connect the hips to paws that keep to their footholds, so that none
+        # slides.
         build, h = BUILDS[self.animal], self.hip_m
         phase = 2 * math.pi * self.stride_hz * times_s
         ground, heading = self._ground(times_s)
         rotation = about_z(heading)
-        # Hips are highest over a hind leg in the middle of its stance, shoulders a quarter of a stride later, when hips are lowest.
+        # Hips are highest over a hind leg at the middle of its stance, shoulders a quarter of a stride later, when hips are lowest.
         rise = BOB * np.cos(2 * (phase - math.pi * DUTY_FACTOR))
         pitch = np.arctan(2 * rise / build.trunk)
 
         def world(local: np.ndarray) -> np.ndarray:
-            """Points (3,) or (K, 3) of the trunk's own frame, in units of the hip's height."""
+            """World coordinates of points (3,) or (K, 3) given in the trunk's own frame, in units of the hip's height."""
             place = np.array([0, 0, h]) + h * np.einsum(
                 "kij,kj->ki", about_y(pitch), np.broadcast_to(local, ground.shape)
             )
@@ -207,21 +208,21 @@ class Pet(Fields):
 
 
 def _swung(fraction: np.ndarray) -> np.ndarray:
-    """Fraction of its step that a swinging paw has covered: its speed goes as (1 - x^4)^2, x in -1..1.
+    """Fraction of its step that a swinging paw has covered: its speed is proportional to (1 - x^4)^2, x in -1..1.
 
-    That is nearly even, and without a kink at either end.
+    That is nearly constant, and smooth at both ends.
     """
     x = 2 * fraction - 1
     return 0.5 + (x - 2 * x**5 / 5 + x**9 / 9) / (2 * (1 - 2 / 5 + 1 / 9))
 
 
 def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius: float) -> list[Part]:
-    """Upper, middle and lower part between points (K, 3): upper and lower run forward, the middle one back."""
+    """Upper, middle and lower part of a leg between hip and ankle (K, 3): upper and lower point forward, the middle one back."""
     a, b = (UPPER + LOWER) * h, MIDDLE * h
     line = ankle - hip
     reach = np.linalg.norm(line, axis=1, keepdims=True)
     line /= reach
-    # Law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts.
+    # law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts
     cosine = (reach**2 + a**2 - b**2) / (2 * reach * a)
     forward = np.cross(line, left)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
@@ -236,14 +237,14 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
 
 
 def _ball(middle: np.ndarray, frame: np.ndarray, semi_axes_m: np.ndarray) -> Part:
-    """An ellipsoid about points (K, 3), axes in the columns of frames (K, 3, 3)."""
+    """An ellipsoid about points (K, 3), with its axes in the columns of frames (K, 3, 3)."""
     unit, faces = ball(RINGS, PER_RING)
     return middle[:, None] + np.einsum("kij,vj->kvi", frame, unit * semi_axes_m), faces
 
 
 def _capsule(start: np.ndarray, stop: np.ndarray, left: np.ndarray, first_m: float, last_m: float) -> Part:
-    """A tapered rod between points (K, 3) with half balls at its ends."""
-    # Rings of a ball, of which the upper half is moved up by the length, and the radius goes from the first to the last.
+    """A tapered rod between points (K, 3) with hemispherical ends of the radii `first_m` and `last_m`."""
+    # Rings of a sphere, the upper half of which is moved up by the length, while the radius changes from the first to the last.
     height, width = ball_profile(RINGS - 1)
     length = np.linalg.norm(stop - start, axis=1)
     axis = (stop - start) / length[:, None]

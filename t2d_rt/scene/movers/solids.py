@@ -1,4 +1,4 @@
-"""What movers are made of: closed skins over rings of points, rotations, smooth steps, materials."""
+"""Building blocks of movers: closed skins over rings of points, rotations, smooth steps, materials."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
 from t2d_rt.types.mesh import Provenance, Track
 
-# Smaller values give meshes without area, and absurd speeds.
+# smaller values give meshes without area, and absurd speeds
 Length = Annotated[Number, Field(ge=0.01, le=20)]
 Seconds = Annotated[Number, Field(ge=0.05, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
 
 Substance = str | Material
-"""A `Material`, "plastic", "fabric", a body's material or an ITU name."""
+"""A `Material`, "plastic", "fabric", or the name of a body's or an ITU material."""
 MATERIALS = {
-    # Polypropylene, n = 1.50 and hardly lossy (Lamb, Int. J. Infrared Millim. Waves 17, 1996); moulded, so nearly smooth.
+    # Polypropylene, n = 1.50 and almost lossless (Lamb, Int. J. Infrared Millim. Waves 17, 1996); moulded, so nearly smooth.
     "plastic": Material(name="plastic", relative_permittivity=2.25, scattering_coefficient=0.1),
     # A half-space that reflects like 0.5 mm of curtain cotton, eps' = 1.47 at 2.45 GHz (Sankaralingam and Gupta, IEEE Trans.
     # Instrum. Meas. 59, 2010): -16 dB by physics.md, eq. 23. Woven threads are taken to be as rough as clothing.
@@ -32,17 +32,17 @@ MATERIALS = {
 
 
 MAX_VERTICES = 100_000
-"""Most vertices of a mover; tracing the visibility of one that size takes some 300 MB."""
+"""Greatest number of vertices of a mover; tracing the visibility of one of that size takes some 300 MB."""
 
 
 def check_size(vertices: int, noun: str, remedy: str) -> None:
-    """Refuses a mover of too many vertices before they are made."""
+    """Refuses a mover with too many vertices before these are made."""
     if vertices > MAX_VERTICES:
         raise InputError(f"a {noun} of that size has {vertices} vertices, more than {MAX_VERTICES}; {remedy}")
 
 
 def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
-    """Refuses what would move faster than sound."""
+    """Refuses a mover that would move faster than sound."""
     if speed_mps > 340.0:
         raise InputError(f"that {noun} would move at {speed_mps:.4g} m/s, faster than sound; {remedy}")
 
@@ -50,7 +50,8 @@ def check_speed(speed_mps: float, noun: str, remedy: str) -> None:
 def moving(
     mover: Any, track: Track, faces: np.ndarray, span_s: tuple[float, float], *, name: str, sagitta_rad: float = 0.07
 ) -> MovingMesh:
-    """A mover's mesh between two times [s], of the mover's own `material`; fans have a `rotation_period_s`."""
+    """The mesh of a mover from the first to the last time of `span_s` [s], of the mover's own `material`; fans also have a
+    `rotation_period_s`."""
     start_s, stop_s = span_s
     material: Substance = mover.material
     number("start_s", start_s, unit="s"), number("stop_s", stop_s, unit="s")
@@ -79,7 +80,7 @@ def skin_faces(rings: int, per_ring: int) -> np.ndarray:
     there = np.roll(here, -1)
     start = per_ring * np.arange(rings - 1)[:, None]
     a, b = start + here, start + there
-    # Each cell between two rings is cut along the diagonal from a point to the next point of the ring above.
+    # each cell between two rings is cut along the diagonal from a point to the next point of the ring above
     sides = np.stack([np.stack([a, b, b + per_ring], -1), np.stack([a, b + per_ring, a + per_ring], -1)]).reshape(-1, 3)
     left = np.arange(per_ring // 2 - 1)
     right = per_ring - 1 - left
@@ -105,7 +106,7 @@ def sheet(front: np.ndarray, back: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def together(parts: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
-    """One mesh of several: vertices (..., V, 3) and faces (F, 3)."""
+    """Merges several meshes into one: vertices (..., V, 3) and faces (F, 3)."""
     first = np.cumsum([0, *(vertices.shape[-2] for vertices, _ in parts)])
     faces = [faces + start for (_, faces), start in zip(parts, first, strict=False)]
     return np.concatenate([vertices for vertices, _ in parts], axis=-2), np.concatenate(faces)
@@ -130,17 +131,17 @@ def about_z(angle_rad: np.ndarray | float) -> np.ndarray:
 
 
 def about_y(angle_rad: np.ndarray | float) -> np.ndarray:
-    """Rotations (..., 3, 3) about y, that turn z to x."""
+    """Rotations (..., 3, 3) about y that rotate z towards x."""
     return _rotation(angle_rad, 2, 0)
 
 
 def about_x(angle_rad: np.ndarray | float) -> np.ndarray:
-    """Rotations (..., 3, 3) about x, that turn y to z."""
+    """Rotations (..., 3, 3) about x that rotate y towards z."""
     return _rotation(angle_rad, 1, 2)
 
 
 def _rotation(angle_rad: np.ndarray | float, first: int, second: int) -> np.ndarray:
-    """Rotations (..., 3, 3) that turn the first axis towards the second."""
+    """Rotations (..., 3, 3) that rotate the first axis towards the second."""
     angle = np.asarray(angle_rad, float)
     rotation = np.zeros((*angle.shape, 3, 3))
     rotation[..., 3 - first - second, 3 - first - second] = 1
@@ -151,6 +152,7 @@ def _rotation(angle_rad: np.ndarray | float, first: int, second: int) -> np.ndar
 
 
 def ease(fraction: np.ndarray) -> np.ndarray:
-    """Step from 0 to 1 on 0..1 with no speed and no acceleration at its ends: 6 x^5 - 15 x^4 + 10 x^3; steepest 15/8."""
+    """Smooth step from 0 to 1 over 0..1, without speed and acceleration at its ends: 6 x^5 - 15 x^4 + 10 x^3; its greatest slope is
+    15/8."""
     x = np.clip(fraction, 0.0, 1.0)
     return x**3 * (10 + x * (6 * x - 15))
