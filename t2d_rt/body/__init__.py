@@ -1,4 +1,4 @@
-"""Body: a template, skinned by a motion or cut into ellipsoids."""
+"""Bodies: a template that is skinned by a motion, or divided into ellipsoids."""
 
 from __future__ import annotations
 

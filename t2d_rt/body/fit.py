@@ -1,4 +1,4 @@
-"""The template stretched to a person: each bone as long as the motion's, girth, head and hands by stature."""
+"""Fits a template to a person: bone lengths from the motion; girth, head and hands in proportion to stature."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion
 SIDES = ("left", "right")
 LIMBS = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 TORSO, NECK = ("hips", "shoulders"), ("shoulders", "head")
-"""Bones whose length is the motion's; `hips` and `shoulders` are the middles of the pairs."""
+"""Bones whose length is taken from the motion; `hips` and `shoulders` are the midpoints of the pairs."""
 
 ANKLE_HEIGHT_RANGE = (0.75, 1.6)
-"""Ankle heights, relative to stature, that a foot is fitted to; beyond, the feet do not stand on the file's floor."""
+"""Least and greatest ankle height, relative to that for the stature, to which a foot is fitted; beyond these limits the feet do not
+stand on the file's floor."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """A template in a person's proportions, still in its rest pose."""
+    """A template with a person's proportions, in its rest pose."""
 
     template: Template
     vertices: np.ndarray
@@ -34,12 +35,12 @@ class Fitted:
     joints: Mapping[str, np.ndarray]
     """Rest positions [m] of all joints and ends, (3,) each."""
     scale: float
-    """Stature of the person over the template's."""
+    """Stature of the person relative to the template's."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stance:
-    """When a foot is at rest on the ground."""
+    """When a foot rests on the ground."""
 
     frames: np.ndarray
     """Indices of the frames."""
@@ -47,12 +48,13 @@ class Stance:
 
 
 UPRIGHT_SHANK = CARRIED_HIP = 0.6
-"""Heights of the knee and of the hip over the ankle, over the shank's length, from which a leg may stand or its sole rest on the
-floor before a seat; the feet of somebody who lies do neither, though they may rest on their heels under a bent knee."""
+"""Least heights of the knee, and of the hip, above the ankle, relative to the shank's length, for a leg that may stand or whose
+sole rests on the floor before a seat. The feet of a person who lies do neither, although they may rest on their heels below a bent
+knee."""
 
 
 def shoulder_centre(motion: Motion) -> np.ndarray:
-    """Middle of the shoulders as a point fixed to the chest: mean local position (3,) in spine3's frame."""
+    """Midpoint of the shoulders as a point fixed to the chest: its mean position (3,) m in the frame of spine3."""
     chest = motion.index("spine3")
     rotation = matrices(motion.rotations[:, chest])
     middle = (motion.joints[:, motion.index("left_shoulder")] + motion.joints[:, motion.index("right_shoulder")]) / 2
@@ -60,8 +62,8 @@ def shoulder_centre(motion: Motion) -> np.ndarray:
 
 
 def stance(motion: Motion, side: str) -> Stance | None:
-    """The frames in which a foot stands: the slowest seventh, with the sole about level near the ground, the shank upright and the
-    hip above it."""
+    """The frames in which a foot stands: the slowest 15 % of those with the sole about level near the ground, the shank upright
+    and the hip above it. None where there are too few."""
     hip, knee, ankle, foot = (
         motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("hip", "knee", "ankle", "foot")
     )
@@ -82,7 +84,7 @@ def stance(motion: Motion, side: str) -> Stance | None:
 
 
 def fit(template: Template, motion: Motion) -> Fitted:
-    """The template with the median bone lengths of a motion; clothes and shoes are put on after, as thick as they are."""
+    """The template with the median bone lengths of a motion; clothes and shoes are added afterwards, with their own thickness."""
     bare = template if template.outfit is None else body_template(template.name)
     rest = dict(bare.joints) | {m: _middle(bare.joints, m) for m in ("hips", "shoulders")}
     lengths = _lengths(motion)
@@ -127,7 +129,7 @@ def _lengths(motion: Motion) -> dict[tuple[str, str], float]:
 
 
 def _ankle_ratio(motion: Motion, side: str, rest: Mapping[str, np.ndarray], scale: float) -> float:
-    """Height of the ankle over the sole, relative to the template's."""
+    """Height of the ankle above the sole, relative to the template's."""
     stand = stance(motion, side)
     ratio = stand.ankle_height_m / rest[f"{side}_ankle"][2] if stand else scale
     return float(np.clip(ratio, ANKLE_HEIGHT_RANGE[0] * scale, ANKLE_HEIGHT_RANGE[1] * scale))
@@ -136,7 +138,7 @@ def _ankle_ratio(motion: Motion, side: str, rest: Mapping[str, np.ndarray], scal
 def _stretch(
     rest: Mapping[str, np.ndarray], ratio: Mapping[tuple[str, str], float], scale: float, ankle: Mapping[str, float]
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Fitted joints, and what each canonical bone does to the surface around its joint, (22, 3, 3)."""
+    """Fitted joints, and for each canonical bone the linear map of the surface around its joint, (22, 3, 3)."""
     torso, neck = ratio[TORSO], ratio[NECK]
     wide = {pair: np.mean([ratio[pair, f"{side}_{pair[:-1]}"] for side in SIDES]) for pair in ("hips", "shoulders")}
     trunk = np.diag([scale, scale, torso])
@@ -160,7 +162,7 @@ def _stretch(
             stretches[a] = _along(rest[b] - rest[a], ratio[a, b], scale)
         stretches[f"{side}_wrist"] = scale * np.eye(3)
         new[f"{side}_hand"] = new[f"{side}_wrist"] + scale * (rest[f"{side}_hand"] - rest[f"{side}_wrist"])
-        # Only the instep gives way to the ankle's height; toes are as thick as stature makes them.
+        # only the instep adapts to the ankle's height; the thickness of the toes goes with stature
         stretches[f"{side}_ankle"], stretches[f"{side}_foot"] = np.diag([scale, scale, ankle[side]]), scale * np.eye(3)
         sole = new[f"{side}_ankle"] - ankle[side] * rest[f"{side}_ankle"] * [0, 0, 1]
         for b in ("foot", "toe"):
@@ -169,6 +171,6 @@ def _stretch(
 
 
 def _along(bone: np.ndarray, length: float, girth: float) -> np.ndarray:
-    """Scaling by `length` along a bone and by `girth` across it."""
+    """Linear map that scales by `length` along a bone and by `girth` across it, (3, 3)."""
     direction = unit(bone)
     return girth * np.eye(3) + (length - girth) * np.outer(direction, direction)

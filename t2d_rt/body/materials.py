@@ -1,4 +1,4 @@
-"""What a body is made of: skin, clothing and shoes at millimetre waves."""
+"""Materials of bodies at millimetre waves: skin, clothing and shoes."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ from t2d_rt.types import PEC, Material
 from t2d_rt.types.material import BODY_NAMES, checked_frequency, checked_material
 
 DRY_SKIN_POLES: tuple[tuple[float, float, float], ...] = ((32.0, 7.234e-12, 0.0), (1100.0, 32.481e-9, 0.2))
-"""(delta eps, tau [s], alpha) of dry skin; the last two of the four terms have no strength (Gabriel 1996, part III)."""
+"""Poles (delta eps, tau [s], alpha) of dry skin; the last two of the model's four terms have no strength (Gabriel 1996, part
+III)."""
 
 DRY_SKIN_HIGH_FREQUENCY_PERMITTIVITY = 4.0
 DRY_SKIN_IONIC_CONDUCTIVITY_S_PER_M = 0.0002
 
 SCATTERING_COEFFICIENTS: dict[str, float] = {"skin": 0.3, "clothed": 0.6}
-"""S of the body's surfaces: skin is nearly smooth at 4 mm wavelength, cloth is not. Clothing passes the wave within
-3 dB, so the permittivity behind it stays that of skin."""
+"""Scattering coefficient S of the body's surfaces: skin is nearly smooth at 4 mm wavelength, cloth is not. Clothing attenuates the
+wave by less than 3 dB, so the permittivity behind it is still that of skin."""
 
 SHOE_PERMITTIVITY, SHOE_CONDUCTIVITY_S_PER_M, SHOE_CONDUCTIVITY_POWER = 3.62, 0.0051, 0.8422
-"""Of vinyl, of which soles and uppers may be: relative permittivity, conductivity at 1 GHz, and the power of the frequency that it
-goes with (ITU-R P.2040-3, vinyl tile; its values end at 40 GHz)."""
+"""Relative permittivity of vinyl, a common material of soles and uppers, its conductivity at 1 GHz, and the power of the frequency
+with which that grows (ITU-R P.2040-3, vinyl tile; its values end at 40 GHz)."""
 SHOE_SCATTERING_COEFFICIENT = 0.1
-"""S of what is moulded and nearly smooth, as of movers' plastic."""
+"""Scattering coefficient S of moulded, nearly smooth surfaces, the same as for movers' plastic."""
 
 
 def skin_permittivity(frequency_hz: float) -> complex:
@@ -37,7 +38,7 @@ def skin_permittivity(frequency_hz: float) -> complex:
 
 
 def resolve_material(material: str | Material, frequency_hz: float) -> Material:
-    """The material of a name in `BODY_NAMES` at one frequency; a `Material` is taken as it is."""
+    """The material of a name in `BODY_NAMES` with its values at one frequency; a `Material` is returned unchanged."""
     checked_frequency(frequency_hz)
     if isinstance(checked_material(material), Material):
         return cast(Material, material)

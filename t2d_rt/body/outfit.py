@@ -1,4 +1,4 @@
-"""What a person wears: materials by part of the body, cloth that lies off the skin, shoes around the feet."""
+"""Clothing: materials by part of the body, cloth at a distance from the skin, shoes around the feet."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 BARE = "head", "neck", "left_hand", "right_hand"
 BARE_JOINTS = "neck", "head", "left_wrist", "right_wrist"
 SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
-"""Joints that move what is bare, and what is in shoes."""
+"""Joints that move the bare parts of a dressed body, and those that move what is in shoes."""
 UPPER_M, TOE_M = 0.004, 0.012
-"""Thickness of a shoe's upper, and the room before the toes, for which shoemakers allow 10 to 15 mm: choices."""
+"""Thickness of a shoe's upper, and space in front of the toes, for which shoemakers allow 10 to 15 mm [m]; choices."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,24 +41,24 @@ class Outfit:
     cloth_m: float = 0.003
     """Distance of the cloth's surface from the skin [m]."""
     sole_m: float = 0.025
-    """Thickness of the soles [m]; 0 is the shape of the bare foot, of the material `shoes`."""
+    """Thickness of the soles [m]; 0 keeps the shape of the bare foot, with the material `shoes`."""
 
     def __post_init__(self) -> None:
         text("name of an outfit", self.name)
         for field in ("cloth", "bare", "shoes"):
             known_material(f"material of an outfit's {field}", getattr(self, field))
-        # Thicker cloth would meet that of the other limb, thicker soles would not bend with the foot.
+        # Thicker cloth would touch that of the other limb, and thicker soles would not bend with the foot.
         number("cloth_m", self.cloth_m, 0, 0.02, unit="m", hint="0.003 is a shirt, 0.012 a coat")
         number("sole_m", self.sole_m, 0, 0.06, unit="m", hint="0.025 is an ordinary shoe, 0 none")
 
     def of_faces(self, faces: np.ndarray, weights: np.ndarray) -> ByPart:
-        """Materials of the faces (F, 3) of a body that moves with the joints by `weights` (V, 22): each is of the part that
-        moves it most."""
+        """Material of each of the faces (F, 3) of a body that follows the joints by `weights` (V, 22): that of the part that moves
+        the face most."""
         bare, shod = (_of_joints(weights, joints)[faces].sum(axis=1) for joints in (BARE_JOINTS, SHOD_JOINTS))
         return self._by_part(np.argmax([3 - bare - shod, bare, shod], axis=0))
 
     def of_segments(self, names: Sequence[str]) -> ByPart:
-        """Materials of a body's segments."""
+        """Material of each of a body's segments."""
         return self._by_part(np.array([1 if name in BARE else 2 if name.endswith("_foot") else 0 for name in names]))
 
     def _by_part(self, part: np.ndarray) -> ByPart:
@@ -68,11 +68,11 @@ class Outfit:
 OUTFITS: Mapping[str, Outfit] = MappingProxyType(
     {"dressed": Outfit(name="dressed"), "coat": Outfit(name="coat", cloth_m=0.012)}
 )
-"""Outfits by name. How far cloth lies off the skin is a choice."""
+"""Outfits by name. The distance of cloth from the skin is a choice."""
 
 
 def outfit_of(material: Any) -> Outfit | None:
-    """The outfit that is given, by its name too; None for one material of the whole body."""
+    """The outfit that is given, or named; None if `material` is a single material for the whole body."""
     if isinstance(material, Outfit):
         return material
     if isinstance(material, ByPart):
@@ -84,7 +84,7 @@ def outfit_of(material: Any) -> Outfit | None:
 
 
 def materials_of(material: str | Material | Outfit, of: Callable[[Outfit], ByPart]) -> str | Material | ByPart:
-    """The materials of an outfit, by its name too, by part; one material of the whole body as it is."""
+    """The materials of an outfit by part, from `of`; a single material of the whole body is returned unchanged."""
     outfit = outfit_of(material)
     return of(outfit) if outfit is not None else material  # type: ignore[return-value]
 
@@ -94,8 +94,8 @@ def put_on(
 ) -> np.ndarray:
     """Vertices (V, 3) m of a bare body at rest on z = 0, with cloth and shoes around it.
 
-    The undersides of the feet and all joints stay where they are: feet are raised within their shoes by the soles' thickness, and
-    shins are shorter by it. `weights` (V, 22) move the vertices with the joints.
+    The undersides of the feet, and all joints, stay where they are: feet are raised within their shoes by the thickness of the
+    soles, and shins become shorter by that. `weights` (V, 22) are those with which vertices follow the joints.
     """
     normals = vertex_normals(vertices, faces)
     bare, shod = _of_joints(weights, BARE_JOINTS), _of_joints(weights, SHOD_JOINTS)
@@ -116,16 +116,16 @@ def put_on(
 
 
 def _of_joints(weights: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """How far each vertex goes with some joints, 0..1 (V,)."""
+    """Total weight of some joints at each vertex, 0..1 (V,)."""
     return np.asarray(weights[:, [CANONICAL_JOINTS.index(name) for name in names]].sum(axis=1))
 
 
 def _forward(side: str, joints: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Unit vector from ankle to toes along the floor (3,)."""
+    """Horizontal unit vector from ankle to toes (3,)."""
     return unit((joints[f"{side}_toe"] - joints[f"{side}_ankle"]) * [1, 1, 0])
 
 
 def _ramp(values: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Smoothly from 0 at `low` to 1 at `high`."""
+    """Smooth step from 0 at `low` to 1 at `high`."""
     fraction = np.clip((values - low) / (high - low), 0, 1)
     return np.asarray(fraction * fraction * (3 - 2 * fraction))

@@ -1,10 +1,9 @@
-"""Where each bone of a fitted body is, given the motion's joints and orientations.
+"""Position and orientation of each bone of a fitted body, from the joints and orientations of a motion.
 
-A file's zero pose says nothing about the body (iClone's has the legs up), so what turns the template's rest axes into a
-joint's own axes is a constant rotation per bone, found once over the whole motion: bones lie along the motion's bones,
-knees and elbows bend about their hinges, pelvis and chest follow hip line, shoulder line and the torso's mean
-direction, feet are level while they stand, the head looks on average where the chest faces, a hand is on average not
-twisted against its forearm.
+A file's zero pose says nothing about the body (iClone's has the legs up). So each bone gets a constant rotation from the template's
+rest axes to its joint's own axes, which is found once from the whole motion: bones lie along the motion's bones; knees and elbows
+bend about their hinges; pelvis and chest follow hip line, shoulder line and the torso's mean direction; feet are level while they
+stand; the head looks on average where the chest faces; a hand is on average not twisted against its forearm.
 """
 
 from __future__ import annotations
@@ -23,23 +22,24 @@ LEFT = np.array([0.0, 1.0, 0.0])
 FORWARD = np.array([1.0, 0.0, 0.0])
 
 BONES = CANONICAL_JOINTS + ("left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm")
-"""The 22 canonical bones, then those that take half of a twist so that the skin does not wring."""
+"""The 22 canonical bones, followed by bones that take half of a limb's twist, so that the skin does not wring."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Posing:
-    """A fitted body and how its bones hang on the joints of one motion."""
+    """How the bones of a fitted body follow the joints of one motion."""
 
     body: Fitted
     names: tuple[str, ...]
     """The motion's joint names."""
     offsets: dict[str, np.ndarray]
-    """Constant rotation (3, 3) per bone: bone = joint's orientation @ offset."""
+    """Constant rotation (3, 3) of each bone: bone = joint's orientation @ offset."""
     shoulder_centre: np.ndarray
-    """Middle of the shoulders in spine3's own frame [m], (3,)."""
+    """Midpoint of the shoulders in the frame of spine3 [m], (3,)."""
 
     def bones(self, joints: np.ndarray, rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rotations (K, 26, 3, 3) from the rest pose, and where the bones' rest joints go (K, 26, 3), of `BONES`."""
+        """Rotations (K, 26, 3, 3) of `BONES` from the rest pose, and positions (K, 26, 3) m of their joints, from joints and
+        orientations of the motion."""
         at = {name: joints[:, i] for i, name in enumerate(self.names)}
         source = matrices(rotations)
         bones = source[:, [self.names.index(name) for name in self.offsets]] @ np.stack(list(self.offsets.values()))
@@ -57,7 +57,8 @@ class Posing:
         rotation: dict[str, np.ndarray],
         origin: dict[str, np.ndarray],
     ) -> None:
-        """Spine between pelvis and chest, with the template's own joints: files place theirs where they like."""
+        """Adds the spine between pelvis and chest, with the template's own joints, since files place theirs at different
+        heights."""
         rest = self.body.joints
         hips, shoulders = (at["left_hip"] + at["right_hip"]) / 2, at["spine3"] + chest @ self.shoulder_centre
         rest_hips, rest_shoulders = ((rest[f"left_{j}"] + rest[f"right_{j}"]) / 2 for j in ("hip", "shoulder"))
@@ -79,7 +80,8 @@ class Posing:
         carried = rotation["spine3"] @ (rest[shoulder] - rest[collar])
         rotation[collar] = swing(carried, at[shoulder] - origin[collar]) @ rotation["spine3"]
         for upper, lower in ((f"{side}_{a}", f"{side}_{b}") for a, b in LIMBS):
-            # The orientation carries the bone already; this takes up what a file's bones stretch.
+            # The orientation already rotates the bone; the swing corrects for bones of a file that change their direction in their
+            # own frame.
             rotation[upper] = (
                 swing(rotation[upper] @ (rest[lower] - rest[upper]), at[lower] - at[upper]) @ rotation[upper]
             )
@@ -87,23 +89,23 @@ class Posing:
         rotation[f"{side}_upper_arm"] = rotation[shoulder] @ half_twist(rotation[shoulder], rotation[collar], arm)
         rotation[f"{side}_forearm"] = rotation[elbow] @ half_twist(rotation[elbow], rotation[wrist], forearm)
         origin[f"{side}_upper_arm"], origin[f"{side}_forearm"] = origin[shoulder], origin[elbow]
-        # Files put the ball of the foot anywhere between sole and instep; the sole needs it where the template has it.
+        # Files put the ball of the foot anywhere between sole and instep; the skin needs it where the template has it.
         ankle, foot = f"{side}_ankle", f"{side}_foot"
         origin[foot] = at[ankle] + rotation[ankle] @ (rest[foot] - rest[ankle])
 
 
 def half_twist(bone: np.ndarray, other: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Rotation (K, 3, 3) about a rest axis by half the angle by which `other` is twisted against `bone`."""
+    """Rotation (K, 3, 3) about a rest axis by half the angle by which `other` is twisted relative to `bone`."""
     q = quaternion(np.swapaxes(bone, -1, -2) @ other)
     along = q[..., :3] @ axis
-    # Where the two bones point opposite ways the twist has no meaning: let it fade (along^2 + w^2 -> 0).
+    # Where both bones point in opposite directions the twist is undefined: let it fade (along^2 + w^2 -> 0).
     angle = np.arctan2(along, q[..., 3]) * (along**2 + q[..., 3] ** 2)
     vector = np.sin(angle / 2)[..., None] * axis
     return matrices(np.concatenate([vector, np.cos(angle / 2)[..., None]], -1))
 
 
 def posing(body: Fitted, motion: Motion) -> Posing:
-    """How the fitted body hangs on the motion's joints."""
+    """Finds how the bones of a fitted body follow the joints of a motion."""
     at = {name: motion.joints[:, i] for i, name in enumerate(motion.names)}
     source = {name: matrices(motion.rotations[:, i]) for i, name in enumerate(motion.names)}
     centre = shoulder_centre(motion)
@@ -126,12 +128,12 @@ def _trunk_offsets(
     rest = body.joints
     hips = (at["left_hip"] + at["right_hip"]) / 2
     torso = unit(at["spine3"] + source["spine3"] @ centre - hips)
-    # Upright instants tell what an unbent back is.
+    # the pose of an unbent back is found from upright instants
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
-    lies = torso[:, 2].max() < 0.7  # or crawls throughout: what is neutral shows less well then
-    if lies:  # and where there are none, those in which it is longest
+    lies = torso[:, 2].max() < 0.7  # or, if the person crawls throughout, from all instants, which is less certain
+    if lies:  # and if there are none, from those at which it is longest
         length = np.linalg.norm(at["spine3"] + source["spine3"] @ centre - hips, axis=1)
-        # Instants 2 % shorter than the longest count by a third.
+        # instants 2 % shorter than the longest have a third of the weight
         upright = (length / length.max()) ** 60
     upright /= upright.sum()
     rest_torso = sum(rest[f"{s}_shoulder"] - rest[f"{s}_hip"] for s in SIDES)
@@ -147,7 +149,7 @@ def _trunk_offsets(
     )
     facing = gaze @ frame(FORWARD, UP).T
     offsets["head"] = mean_rotation(np.swapaxes(source["head"], -1, -2) @ facing, upright)
-    if lies and "head_top" in at:  # its bone tells more
+    if lies and "head_top" in at:  # its bone is more reliable
         to_head_top = _local(source["head"], unit(at["head_top"] - at["head"]))
         offsets["head"] = swing(offsets["head"] @ (rest["head_top"] - rest["head"]), to_head_top) @ offsets["head"]
     return offsets
@@ -165,7 +167,7 @@ def _limb_offsets(
         parent = source[trunk] @ offsets[trunk]
         for name, rest_bone, bone in ((a, upper, at[b] - at[a]), (b, lower, at[c] - at[b])):
             untwisted = swing(parent @ rest_bone, bone) @ parent @ unit(rest_hinge)
-            # 0.02: (sine of the bend)^2 at which the hinge and no twist against the parent count alike.
+            # 0.02: (sine of the bend)^2 at which the hinge has the same weight as the absence of twist against the parent
             axes = frame(_local(source[name], unit(bone)), _local(source[name], bend + 0.02 * untwisted))
             offsets[name] = axes @ frame(rest_bone, rest_hinge).T
             parent = source[name] @ offsets[name]

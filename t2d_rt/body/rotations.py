@@ -1,4 +1,4 @@
-"""Rotation matrices (..., 3, 3) of the posing: few, whole arrays at a time."""
+"""Rotation matrices (..., 3, 3) for posing, computed for whole arrays at once."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from t2d_rt.geometry.vectors import unit, vector_product
 
 
 def matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Unit quaternions x, y, z, w (..., 4) as matrices."""
+    """Rotation matrices of unit quaternions x, y, z, w (..., 4)."""
     x, y, z, w = np.moveaxis(quaternions, -1, 0)
     rows = (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
@@ -23,25 +23,26 @@ def matrices(quaternions: np.ndarray) -> np.ndarray:
 
 
 def frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Orthonormal frames whose first column is along `first` and whose second lies towards `second`, both (..., 3)."""
+    """Orthonormal frames (..., 3, 3), whose first column is along `first` and whose second lies in the plane of `first` and
+    `second`, both (..., 3)."""
     a = unit(first)
     b = unit(second - (second * a).sum(-1, keepdims=True) * a)
     return np.stack([a, b, vector_product(a, b)], -1)
 
 
 def swing(source: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The least rotation that turns direction `source` to `target`, both (..., 3)."""
+    """The smallest rotation that rotates direction `source` to `target`, both (..., 3)."""
     a, b = np.broadcast_arrays(unit(source), unit(target))
     axis, cosine = vector_product(a, b), (a * b).sum(-1)
     skew = np.zeros((*cosine.shape, 3, 3))
     skew[..., 0, 1], skew[..., 0, 2], skew[..., 1, 2] = -axis[..., 2], axis[..., 1], -axis[..., 0]
     skew -= np.swapaxes(skew, -1, -2)
-    # Opposite directions have no least rotation; a bone never turns by 180 degrees from its calibrated direction.
+    # Between opposite directions it is not unique; a bone never rotates by 180 degrees from its calibrated direction.
     return np.eye(3) + skew + skew @ skew / np.maximum(1 + cosine, 1e-6)[..., None, None]
 
 
 def between(first: np.ndarray, second: np.ndarray, fraction: float) -> np.ndarray:
-    """Rotations at a fraction of the shortest way from `first` to `second`."""
+    """Rotations at a fraction of the smallest rotation from `first` to `second`."""
     w = quaternion(np.swapaxes(first, -1, -2) @ second)
     sine = np.linalg.norm(w[..., :3], axis=-1)
     half = np.arctan2(sine, w[..., 3]) * fraction
@@ -50,7 +51,7 @@ def between(first: np.ndarray, second: np.ndarray, fraction: float) -> np.ndarra
 
 
 def quaternion(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternions x, y, z, w >= 0 of matrices: the dominant column of 4 q q^T, exact at any angle."""
+    """Unit quaternions x, y, z, w >= 0 of rotation matrices, from the dominant column of 4 q q^T, exact at any angle."""
     m = rotation
     trace = np.trace(m, axis1=-2, axis2=-1)
     outer = np.empty((*m.shape[:-2], 4, 4))

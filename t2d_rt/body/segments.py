@@ -1,4 +1,4 @@
-"""The same body as a few ellipsoids, one per segment, moving rigidly with the bones."""
+"""A body as a few ellipsoids, one for each segment, which move rigidly with the bones."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A part of the body that one bone carries."""
+    """A part of the body that is carried by one bone."""
 
     bone: str
     joints: tuple[str, ...]
-    """Joints whose part of the surface it takes."""
+    """Joints whose part of the surface belongs to the segment."""
     ends: tuple[str, str]
-    """Long axis of the segment in the rest pose."""
+    """Names of the two ends of the segment's long axis in the rest pose."""
 
 
 RAGGED = 0.02
-"""Fraction of a segment's points left out at either end of the bone: its faces do not end in a plane."""
+"""Fraction of a segment's points that is ignored at either end of the bone, as its faces do not end in a plane."""
 
 
 def _segments() -> dict[str, Segment]:
@@ -59,7 +59,7 @@ SEGMENTS: Mapping[str, Segment] = _segments()
 """The 17 segments."""
 
 BREATHING = [tuple(SEGMENTS).index(name) for name in ("abdomen", "chest")]
-"""Numbers of the segments that breath and heart move."""
+"""Indices of the segments that move with breathing and heartbeat."""
 
 
 def segments(
@@ -85,32 +85,32 @@ def segments(
 
 @dataclass(frozen=True, slots=True)
 class _Carried:
-    """Ellipsoids that move rigidly with bones: their places as a function of time."""
+    """Track of ellipsoids that move rigidly with bones: their centres and axes as a function of time."""
 
     pose: Posing
     bones: list[int]
-    """Number of each one's bone among `BONES`, (N,)."""
+    """Index of each ellipsoid's bone among `BONES`, (N,)."""
     offsets: np.ndarray
-    """Centres from the bones' joints at rest [m], (N, 3)."""
+    """Vectors from the bones' joints to the centres at rest [m], (N, 3)."""
     axes: np.ndarray
     """Axes at rest, (N, 3, 3)."""
     track: JointTrack
     motion: Motion
-    """Breath and heart of this motion move chest and abdomen."""
+    """The motion, whose breathing and heartbeat move chest and abdomen."""
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         bones = self.pose.bones(*self.track(times_s))
         rotations, origin = (moved[:, self.bones] for moved in bones)
         centres, axes = (rotations @ self.offsets[..., None])[..., 0] + origin, rotations @ self.axes
         if self.motion.chest_moves:
-            # Semi-axes are constant: the whole ellipsoid follows its front, or its back where the front is on the floor.
+            # Semi-axes are constant: the whole ellipsoid moves like its front, or like its back where the person lies on the front.
             out_m = self.motion.chest_m(times_s) * (1 - 2 * lies_on_front(*bones))
             centres[:, BREATHING] += out_m[:, None, None] * axes[..., 0][:, BREATHING]
         return centres, axes
 
 
 def segment_of_faces(body: Fitted) -> np.ndarray:
-    """The number among SEGMENTS of the segment that each face belongs to, (F,)."""
+    """Index among SEGMENTS of the segment to which each face belongs, (F,)."""
     columns = [[CANONICAL_JOINTS.index(joint) for joint in part.joints] for part in SEGMENTS.values()]
     membership = np.stack([body.template.weights[:, group].sum(1) for group in columns], axis=1)
     faces = body.template.faces
@@ -125,9 +125,9 @@ def segment_of_faces(body: Fitted) -> np.ndarray:
 def fit_ellipsoids(body: Fitted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Semi-axes (N, 3) m, rest centres (N, 3) m and rest axes (N, 3, 3) of the segments.
 
-    A segment's faces are those that its joints move most; the trunk is cut at two heights. Along the bone the ellipsoid
-    is as long as they are; across, half way (geometric mean) between as thick as they are and as thick as gives the
-    segment's volume.
+    A segment has the faces that its joints move most; the trunk is cut at two heights. Along the bone the ellipsoid is as long as
+    these faces; across it, it is half way (geometric mean) between their thickness and the thickness that gives the segment's
+    volume.
     """
     faces, owner = body.template.faces, segment_of_faces(body)
     fits = [
@@ -138,7 +138,7 @@ def fit_ellipsoids(body: Fitted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _axes(body: Fitted, part: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit axes of a segment at rest: first as far forward as may be (a foot's: sideways), third along the bone."""
+    """Unit axes of a segment at rest: the third along the bone, the first as far forward as possible (sideways for a foot)."""
     long = body.joints[part.ends[1]] - body.joints[part.ends[0]]
     is_foot = part.bone.endswith("ankle")
     long = unit(long * [1, 1, 0] if is_foot else long)
@@ -150,13 +150,13 @@ def _axes(body: Fitted, part: Segment) -> tuple[np.ndarray, np.ndarray, np.ndarr
 def _ellipsoid(
     corners: np.ndarray, first: np.ndarray, second: np.ndarray, third: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Semi-axes, centre and axes for the faces (F, 3, 3) of a segment."""
+    """Semi-axes, centre and axes of the ellipsoid for the faces (F, 3, 3) of a segment."""
     axes = np.stack([first, second, third], -1)
     local = corners @ axes
     low, high = local.min((0, 1)), local.max((0, 1))
     low[2], high[2] = np.quantile(local[..., 2], (RAGGED, 1 - RAGGED))
     half = (high - low) / 2
-    # Volume by the flux of x e_x: the first axis is the one to which no cut through joints or armpits faces.
+    # Volume by the flux of x e_x along the first axis, towards which no cut through joints or armpits faces.
     area = edge_cross(local) / 2
     volume = abs(float(((local.mean(1) - (low + high) / 2)[:, 0] * area[:, 0]).sum()))
     filling = volume / (4 / 3 * np.pi * half.prod())

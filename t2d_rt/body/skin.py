@@ -1,4 +1,4 @@
-"""Linear blend skinning: a motion moves a body's control cage."""
+"""Linear blend skinning: a motion moves a body's control cage, from whose surface facets are refined."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from t2d_rt.types.mesh import MovingMesh, Provenance
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
+"""Function that gives positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
 
 SAGITTA_RAD, SAGITTA_RADIUS_M, SAGITTA_POWER = 1.5, 0.1, 1 / 3
-"""Phase sagitta of a body's facets where its radius is 0.1 m, and the power of the curvature that it goes with elsewhere: of 1/4,
-1/3, 1/2 and 0.6 this one errs least with a given number of facets. 25 000 facets give a field NMSE of -30 dB over fourteen
-motions, before occlusion."""
+"""Phase sagitta [rad] of a body's facets where its radius of curvature is the second figure [m], and the power of the curvature
+with which it varies: of 1/4, 1/3, 1/2 and 0.6 this one gives the least error for a given number of facets. 25 000 facets give a
+field NMSE of -30 dB over fourteen motions, before occlusion."""
 
 SIZE_STEP = 1.1
-"""Bodies whose scale to the template rounds to the same power of it share their facets."""
+"""Bodies share their facets if their scales relative to the template round to the same power of this."""
 SOFT_M = 0.02
-"""Depth in the floor that no vertex exceeds: flesh and soles give way; what is less deep than half of it stays where it is."""
+"""Greatest depth of a vertex below the floor [m]: flesh and soles give way. Vertices less than half as deep are not moved."""
 LOW_M, INSTANTS = 0.025, 40
-"""Depth of the skin's lowest point from which somebody on the feet stands on a floor of the file's own, below z = 0 as it was
-put under the joints; the median of so many instants."""
+"""Depth [m] of the skin's lowest point, as the median over so many instants, from which a person counts as standing on a floor of
+the file's own below z = 0 (that was put under the joints)."""
 
 FRAMES_AT_ONCE = 16
-"""The product of that many frames fits the cache."""
+"""Number of frames in one matrix product, chosen to fit the cache."""
 
 Csr = Any
 """A scipy.sparse matrix."""
@@ -53,9 +53,9 @@ def skin(
 ) -> MovingMesh:
     """The body's control cage (about 3200 vertices, 6400 faces) moving with a skeleton.
 
-    `track` interpolates the motion in time (C2, for a radar); without it straight lines join its frames.
-    `material` is that of the whole skin, or an outfit. `made` says how to make the mesh again. Where the floor at z = 0 is the
-    person's, the skin lies flat on it, not within it.
+    `track` interpolates the motion in time (C2, as a radar needs); without it frames are joined by straight lines. `material` is
+    that of the whole skin, or an outfit. `made` says how to make the mesh again. Where the person is on the floor at z = 0, the
+    skin lies flat on it instead of within it.
     """
     checked_motion(motion)
     fitted = fit(template(body, outfit_of(material)), motion)
@@ -64,10 +64,10 @@ def skin(
     basis = blend_basis(fitted)
     track = track or linear_track(motion)
     chest = ChestWall.of(fitted, motion) if motion.chest_moves else None
-    # Facets are those of the template at a like size: one person's bones hardly change where they should be fine.
+    # Facets are those of the template at a similar size, as a person's bone lengths hardly change where they must be fine.
     rest = fitted.template.vertices if fitted.template.like is None else fitted.template.like
     like = rest * SIZE_STEP ** round(math.log(fitted.scale, SIZE_STEP))
-    bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of a wave at indoor range
+    bend = 1 + curvature(like, fitted.template.faces, 180.0)  # 1/m: the curvature of the wave at indoor range
 
     return MovingMesh.from_track(
         partial(_vertices, basis, pose, track, chest, _on_floor(motion, basis, pose)),
@@ -97,8 +97,8 @@ def _vertices(
 
 
 def _on_floor(motion: Motion, basis: Csr, pose: Posing) -> bool:
-    """Whether the floor at z = 0 is the person's, who stands, walks, sits, crouches or lies on it."""
-    # Others stand on a floor of their own somewhere below.
+    """Whether the person stands, walks, sits, crouches or lies on the floor at z = 0."""
+    # otherwise the person stands on a floor of the file's own, somewhere below
     if motion.joints[..., 2].min() <= -0.05:
         return False
     hip, knee, ankle = (motion.joints[:, motion.index(f"left_{joint}")] for joint in ("hip", "knee", "ankle"))
@@ -111,14 +111,15 @@ def _on_floor(motion: Motion, basis: Csr, pose: Posing) -> bool:
 
 
 def _flatten(heights_m: np.ndarray) -> None:
-    """Raises what is deep in the floor, in place: twice continuously differentiable, as a radar's tracks are."""
+    """Raises points that are deep below the floor, in place; twice continuously differentiable, as tracks for a radar must be."""
     half = 0.5 * SOFT_M
     deep = heights_m < -half
     heights_m[deep] = -half * (1 + np.tanh(-heights_m[deep] / half - 1))
 
 
 def depth_m(motion: Motion, body: str = "adult", *, rate_hz: float = 10.0) -> float:
-    """How deep the skin would be in the floor at z = 0 if it did not give way [m], at `rate_hz` poses a second; 0 if it is not."""
+    """How deep the skin would be below the floor at z = 0 if it did not give way [m], from `rate_hz` poses a second; 0 if it is not
+    below."""
     checked_motion(motion)
     fitted = fit(template(body), motion)
     times_s = np.linspace(0.0, motion.duration_s, max(2, math.ceil(motion.duration_s * rate_hz) + 1))
@@ -127,9 +128,10 @@ def depth_m(motion: Motion, body: str = "adult", *, rate_hz: float = 10.0) -> fl
 
 
 def blend_basis(body: Fitted) -> Csr:
-    """Weighted rest vertices from each bone's joint, homogeneous (V, 4 * bones): posing is one matrix product.
+    """Weighted rest vertices relative to each bone's joint, in homogeneous coordinates, (V, 4 * bones), so that posing is a matrix
+    product.
 
-    Sparse, as two bones or so move a vertex.
+    Sparse, since a vertex is moved by about two bones.
     """
     from scipy.sparse import csr_array
 
@@ -142,7 +144,7 @@ def blend_basis(body: Fitted) -> Csr:
 
 
 def bone_weights(body: Fitted) -> np.ndarray:
-    """Weights of `BONES`, (V, 26): the half-twisted parts of arms take theirs from upper arm and forearm."""
+    """Weights of `BONES`, (V, 26): bones that take half of a twist get theirs from upper arm and forearm."""
     weights = np.hstack([body.template.weights, np.zeros((len(body.vertices), len(BONES) - len(CANONICAL_JOINTS)))])
     for bone in BONES[len(CANONICAL_JOINTS) :]:
         start, end = _carrier(bone), _carrier(bone).replace("elbow", "wrist").replace("shoulder", "elbow")
@@ -158,14 +160,14 @@ def bone_weights(body: Fitted) -> np.ndarray:
 
 
 def _carrier(twist_bone: str) -> str:
-    """Joint that carries a twist bone."""
+    """Name of the joint that carries a twist bone."""
     return twist_bone.replace("upper_arm", "shoulder").replace("forearm", "elbow")
 
 
 def blend(basis: Csr, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Posed vertices (K, V, 3) from bone rotations (K, B, 3, 3) and origins (K, B, 3)."""
+    """Posed vertices (K, V, 3) m from rotations (K, B, 3, 3) and origins (K, B, 3) of the bones."""
     bones = np.concatenate([rotations, origin[..., None]], -1).transpose(1, 3, 2, 0)
-    # What is carried along reads all frames of a vertex together.
+    # in an order in which all frames of a vertex are contiguous
     vertices = np.empty((basis.shape[0], len(rotations), 3))
     for start in range(0, len(rotations), FRAMES_AT_ONCE):
         block = slice(start, start + FRAMES_AT_ONCE)
@@ -175,7 +177,7 @@ def blend(basis: Csr, rotations: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 def linear_track(motion: Motion) -> JointTrack:
-    """Straight lines between frames (orientations: normalised)."""
+    """A track of straight lines between frames; orientations are interpolated linearly and normalised."""
     return partial(_between_frames, motion)
 
 

@@ -1,4 +1,4 @@
-"""A body template: the rest surface, how it hangs on the canonical joints, and rings that show where they are."""
+"""Body templates: the surface at rest, its weights on the canonical joints, and rings of vertices that mark the joints."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from t2d_rt.geometry.vectors import unit
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 LIMB_GIRTHS = {"hip": 1.1, "knee": 0.8, "shoulder": 1.2, "elbow": 1.3}
-"""The part of `GIRTHS` that is of limbs."""
+"""The entries of `GIRTHS` for limbs."""
 
 Ring = tuple[np.ndarray, np.ndarray]
-"""Vertex indices (R,) and weights (R,) whose weighted mean is a joint."""
+"""Vertex indices (R,) and weights (R,), whose weighted mean is the position of a joint."""
 
 
 ABOUT: Mapping[str, str] = MappingProxyType(
@@ -35,34 +35,34 @@ ABOUT: Mapping[str, str] = MappingProxyType(
         "woman": "an average woman",
     }
 )
-"""Who the shipped bodies are; meshes/README.md has their measures and where these come from."""
+"""Descriptions of the shipped bodies; meshes/README.md has their measures and sources."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Template:
-    """A closed control cage in its rest pose: facing +x, left is +y, z up, feet on z = 0, metres."""
+    """A closed control cage in its rest pose: facing +x, left is +y, z up, feet on z = 0, in metres."""
 
     name: str
     vertices: np.ndarray
-    """Rest vertices [m], (V, 3)."""
+    """Vertices at rest [m], (V, 3)."""
     faces: np.ndarray
     """Triangles, counter-clockwise from outside, int32 (F, 3)."""
     weights: np.ndarray
-    """Skinning weights of the 22 canonical joints, at most four per vertex, rows sum to 1, (V, 22)."""
+    """Skinning weights of the 22 canonical joints, (V, 22); at most four per vertex are not zero, and rows sum to 1."""
     joints: Mapping[str, np.ndarray]
-    """Rest positions [m] (3,) of the canonical joints and of all optional ends."""
+    """Positions at rest [m] (3,) of the canonical joints and of all optional ends."""
     rings: Mapping[str, Ring]
     """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
 
     like: np.ndarray | None = None
-    """Rest vertices of the shipped body, in the same outfit, that this one was made of, whose facets it shares; None of a shipped
-    one."""
+    """Rest vertices of the shipped body in the same outfit from which this one was made, and whose facets it shares; None for a
+    shipped body."""
     outfit: Outfit | None = None
-    """What it wears; None is the bare body."""
+    """Outfit that the body wears; None for the bare body."""
 
     @property
     def stature_m(self) -> float:
-        """Height over the soles at rest [m]."""
+        """Height above the soles at rest [m]."""
         return float(np.ptp(self.vertices[:, 2]))
 
     @property
@@ -72,7 +72,7 @@ class Template:
 
     @property
     def bmi_limits(self) -> tuple[float, float]:
-        """Least and greatest body mass index that this body is made for [kg/m^2]."""
+        """Least and greatest body mass index for which this body can be made [kg/m^2]."""
         return BMI[self.name.partition("@")[0]]
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -91,20 +91,20 @@ GIRTHS: Mapping[str, float | tuple[float, float]] = MappingProxyType(
         **{f"{side}_{joint}": power for side in ("left", "right") for joint, power in LIMB_GIRTHS.items()},
     }
 )
-"""By which power of the root of the body mass index each part grows across its bone, of the trunk in depth and breadth: fitted to
-the five shipped adults, of index 21.6 to 35. Head, hands and feet stay."""
+"""Powers of the root of the body mass index with which each part grows across its bone, for the trunk in depth and breadth; fitted
+to the five shipped adults with an index of 21.6 to 35. Head, hands and feet do not grow."""
 
 BMI = {"child": (13.5, 19.5)} | dict.fromkeys(("adult", "heavy", "man", "old", "woman"), (18.5, 40.0))
-"""Least and greatest body mass index that each body is made for: of children those of 5 and 95 % at 7.5 years (CDC growth charts
-2000), of adults those from which people are underweight and obese of class III (WHO Technical Report Series 894, 2000)."""
+"""Least and greatest body mass index for which each body can be made. Children: those of 5 and 95 % at 7.5 years (CDC growth charts
+2000). Adults: from underweight to obese of class III (WHO Technical Report Series 894, 2000)."""
 
 DENSITY_KG_PER_M3 = 1000.0
-"""A body floats, and just so."""
+"""Mean density of a body [kg/m^3]; a body just floats."""
 
 
 def template(name: str = "adult", outfit: Outfit | None = None) -> Template:
-    """The shipped body of that name, or, as "man@31.5", the same person with another body mass index [kg/m^2]; bare, or in what it
-    wears."""
+    """The shipped body of that name or, as "man@31.5", the same person with another body mass index [kg/m^2]; bare, or in an
+    outfit."""
     if outfit is not None:
         return _dressed(name, outfit)
     base, at, bmi = name.partition("@") if isinstance(name, str) else (name, "", "")
@@ -135,11 +135,12 @@ def _dressed(name: str, outfit: Outfit) -> Template:
 
 @lru_cache(maxsize=64)
 def _of_girth(name: str, base: str, bmi: float) -> Template:
-    """A shipped body, thicker or thinner: each part by its own power of one factor, which gives the volume asked for."""
+    """A shipped body made thicker or thinner: each part grows by its own power of a common factor, chosen to give the volume asked
+    for."""
     body, (powers, growth) = _read(base), _growth(base)
     volume_m3 = bmi * body.stature_m**2 / DENSITY_KG_PER_M3
     girth, vertices = 1.0, body.vertices
-    for _ in range(5):  # volume goes about with the square of the girth
+    for _ in range(5):  # the volume grows about with the square of the girth
         girth *= math.sqrt(volume_m3 / _volume_m3(vertices, body.faces))
         vertices = body.vertices + np.tensordot(girth**powers - 1, growth, 1)
     return replace(body, name=name, vertices=vertices, like=body.vertices)
@@ -147,7 +148,8 @@ def _of_girth(name: str, base: str, bmi: float) -> Template:
 
 @lru_cache(maxsize=8)
 def _growth(base: str) -> tuple[np.ndarray, np.ndarray]:
-    """Powers of the girth (P,), and how far each moves the vertices (P, V, 3) [m] where it doubles what it scales."""
+    """Powers of the girth (P,), and for each of them the displacement of the vertices (P, V, 3) [m] where its part doubles its
+    girth."""
     body, growth = _read(base), dict[float, np.ndarray]()
     depth, breadth = np.diag([1.0, 0.0, 0.0]), np.diag([0.0, 1.0, 0.0])
     for joint, powers in GIRTHS.items():
@@ -163,7 +165,7 @@ def _growth(base: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _end(joint: str) -> str:
-    """The joint at the end of a limb's bone."""
+    """Name of the joint at the far end of a limb's bone."""
     side, _, start = joint.partition("_")
     return f"{side}_{dict(shoulder='elbow', elbow='wrist', hip='knee', knee='ankle')[start]}"
 
@@ -174,10 +176,10 @@ def _volume_m3(vertices: np.ndarray, faces: np.ndarray) -> float:
 
 
 def rest_joints(body: str = "adult") -> dict[str, np.ndarray]:
-    """Places [m] (3,) of the 22 canonical joints and the five ends of a body that stands in its rest pose: facing +x, left is +y,
-    soles on z = 0, legs a little apart, arms hanging away from the trunk.
+    """Positions [m] (3,) of the 22 canonical joints and the five ends of a body in its rest pose: facing +x, left is +y, soles on z
+    = 0, legs slightly apart, arms hanging away from the trunk.
 
-    Their differences are the bones of a skeleton in that body's proportions, which a motion may be fitted to.
+    Their differences are the bones of a skeleton with that body's proportions, to which a motion may be fitted.
     """
     return {name: place.copy() for name, place in template(body).joints.items()}
 
@@ -203,5 +205,5 @@ def _read(name: str) -> Template:
 
 
 def regressed_joints(body: Template, vertices: np.ndarray) -> dict[str, np.ndarray]:
-    """Joints (..., 3) read off posed surface vertices (..., V, 3): the weighted mean of each ring."""
+    """Joints (..., 3) from posed surface vertices (..., V, 3): the weighted mean of each ring."""
     return {name: weight @ vertices[..., index, :] for name, (index, weight) in body.rings.items()}

@@ -1,4 +1,4 @@
-"""Data sets: a recipe, its samples, the shards that they are written to, and what is done with them."""
+"""Data sets: recipes, their samples, the shards in which these are stored, and what can be done with them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ globals().update({name: public(globals()[name]) for name in __all__ if name in g
 
 
 def __getattr__(name: str) -> Any:
-    if name == "TorchDataset":  # loads PyTorch
+    if name == "TorchDataset":  # loads PyTorch only when it is used
         from t2d_rt.dataset.torch_data import TorchDataset
 
         return TorchDataset

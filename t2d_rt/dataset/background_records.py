@@ -1,6 +1,6 @@
-"""Records that a background is learned from: of a folder of recordings in which nobody moves, or of empty rooms that are simulated.
+"""Records for training a background: from a folder of recordings in which nobody moves, or from simulated empty rooms.
 
-The default background is learned from simulated rooms: static clutter, receiver noise, and now and then a fan, a curtain or a pet.
+The default background is trained on simulated rooms with static clutter, receiver noise, and sometimes a fan, a curtain or a pet.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from t2d_rt.types import MovingMesh, Radar, Scene
 ENDINGS = ".npz", ".zarr", ".npy", ".bin"
 RADAR_FILE = "radar.yaml"
 MTI = "mean"
-"""The filter of recordings that name none: an unfiltered one shows little but its static clutter."""
+"""MTI filter of recordings that specify none: without a filter static clutter would dominate."""
 
 
 def background_records(
@@ -53,7 +53,7 @@ def background_records(
 
 
 def record_of(recording: Recording, name: str, processing: Mapping[str, Any], *, calibrated: bool) -> BackgroundRecord:
-    """The spectrogram of a recording as a record; powers are in W where it is calibrated."""
+    """The spectrogram of a recording as a record; its powers are in W if it is calibrated."""
     options = {"mti": MTI, **recording.processing, **processing}
     image = spectrogram(recording.cube, recording.radar, **options)
     grid = Grid.of_columns(image.velocity_mps, image.time_s)
@@ -63,7 +63,7 @@ def record_of(recording: Recording, name: str, processing: Mapping[str, Any], *,
 def _record(
     path: Path, processing: dict[str, Any], lanes: int | None, iq: str, conjugate: bool | None
 ) -> BackgroundRecord:
-    """The record of one file: as it is, or by the spectrogram of a recording."""
+    """The record in a file, or made from the spectrogram of a recording."""
     ending = path.suffix.lower()
     if ending == ".npz":
         return BackgroundRecord.load(path)
@@ -83,21 +83,22 @@ def _record(
 ROOMS = "living_room", "bedroom", "hospital_room", "corridor", "empty_room"
 MOVERS = "fan", "ceiling_fan", "curtain", "pet"
 MOVER_COUNTS = (0.1, 0.5, 0.4)
-"""How often a room holds none, one or two of them."""
+"""Probabilities of none, one or two movers in a room."""
 FLICKER_CORNER_HZ = 50e3
-"""Frequency at which the receiver's 1/f noise equals its thermal noise; an assumption, receivers differ by decades."""
+"""Corner frequency of the receiver's 1/f noise [Hz]; an assumption, as receivers differ by decades."""
 ACCURACY = {"occlusion": False, "clutter_occlusion": False, "sagitta_scale": 3.0}
-"""Coarse: a background is told by its powers, not by its phases."""
+"""A coarse accuracy, because a background model uses only powers, not phases."""
 
 
 def empty_room_record(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None) -> BackgroundRecord:
-    """The spectrogram of an empty room, `table2` by default; room, movers and noise follow from the seed."""
+    """The spectrogram of a simulated empty room, with the `table2` radar by default; room, movers and noise depend only on the
+    seed."""
     recording = empty_room(seed, duration_s=duration_s, radar=radar)
     return record_of(recording, f"room_{seed:04d}", {}, calibrated=True)
 
 
 def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None) -> Recording:
-    """A recording of an empty room with the receiver's noise."""
+    """A recording of an empty room with receiver noise."""
     rng = np.random.default_rng(integer("seed", seed))
     duration_s = positive("duration_s", duration_s, 3600, unit="s")
     radar = Radar.preset("table2") if radar is None else radar
@@ -120,16 +121,16 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
 
 
 def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generator) -> np.ndarray:
-    """Thermal noise of `Radar.noise_power_w`, and of the 1/f noise the part that is slower than a chirp, complex64.
+    """Receiver noise, complex64: thermal noise of `Radar.noise_power_w`, and the part of the 1/f noise that is slower than a chirp.
 
-    With N0 the thermal density, the 1/f noise has N0 f_c / |f|. What is slower than a chirp is the same for all of its samples; it
-    is drawn by its spectrum over the chirps, up to half the chirp rate.
+    With N0 the thermal density, 1/f noise has the density N0 f_c / |f|. Its slow part is the same for all samples of a chirp; it is
+    drawn by its spectrum over the chirps, up to half the chirp rate.
     """
     chirps, antennas, samples = shape
     parts = (rng.standard_normal((chirps, antennas, 2 * samples), np.float32)).view(np.complex64)
     noise = parts * np.float32(np.sqrt(radar.noise_power_w / 2))
     frequency = np.fft.fftfreq(chirps, radar.loop_interval_s)
-    frequency[0] = np.inf  # no offset
+    frequency[0] = np.inf  # no DC component
     density = radar.noise_power_w / radar.sample_rate_hz * FLICKER_CORNER_HZ / np.abs(frequency)
     step_hz = 1 / (chirps * radar.loop_interval_s)
     white_noise = rng.standard_normal((chirps, antennas, 2)).view(np.complex128)[..., 0]
@@ -138,21 +139,22 @@ def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generato
 
 
 def movers_of(scene: Scene, rng: np.random.Generator) -> list[Mover]:
-    """None, one or two movers in front of the radar, inside the room, no pet nearer than 2.5 m."""
+    """None, one or two random movers in front of the radar, inside the room; pets are at least 2.5 m away."""
     count = int(rng.choice(len(MOVER_COUNTS), p=MOVER_COUNTS))
     kinds = rng.choice(MOVERS, size=count, replace=False)
     return [_mover(str(kind), np.asarray(scene.bounds_m), rng) for kind in kinds]
 
 
 def _static(duration_s: float) -> MovingMesh:
-    """What stands for the targets of a room without any: a tetrahedron of 1 cm that lies on the floor."""
+    """A stand-in for targets in a room without any: a tetrahedron of 1 cm on the floor."""
     corners = np.array([[0.0, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]]) / 100 + [2.0, 0, 0.01]
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]])
     return MovingMesh(np.stack([corners, corners]), faces, np.array([0.0, duration_s]), "wood")
 
 
 def _mover(kind: str, bounds: np.ndarray, rng: np.random.Generator) -> Mover:
-    """A mover at a place drawn within the room's corners [m], (2, 3); the order of the draws is part of the result."""
+    """A mover at a random place within the room's corners (2, 3) m; the order of the draws must not change, as results depend on
+    it."""
     (_, low_y, _), (far_x, high_y, top) = bounds
     y = float(rng.uniform(0.7 * low_y, 0.7 * high_y))
     seed = int(rng.integers(2**31))

@@ -1,4 +1,5 @@
-"""`Dataset`: the samples of a data set's folder, as records and arrays that are read when needed, without unpickling anything."""
+"""`Dataset`: the samples in a data set's folder, as records and as arrays that are read when they are needed, without
+unpickling."""
 
 from __future__ import annotations
 
@@ -42,26 +43,26 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "adc": ("chirp", "antenna", "sample"),
     "truth": ("time", "column"),
 }
-"""Axes of each product's values."""
+"""Names of the axes of each product's values."""
 TIME_AXIS = {"spectrogram": 1, "parts": 2, "range_doppler": 0, "points": 0, "adc": 0, "truth": 0}
-"""The axis of each product that runs over time, or over what comes in time."""
+"""Index of the time axis of each product, or of the axis along which its values come in time."""
 
 CACHED_MB = 256.0
-"""Arrays that are kept: 8000 spectrograms of 128 x 128 cells."""
+"""Memory for cached arrays [MB]: 8000 spectrograms of 128 x 128 cells."""
 
 
 class Reader(Protocol):
-    """Where a data set's records and arrays come from."""
+    """Interface to the files that hold a data set's records and arrays."""
 
     records: tuple[dict[str, Any], ...]
     failed: tuple[dict[str, Any], ...]
 
     def array(self, position: int, product: str) -> np.ndarray:
-        """A sample's array as it is stored."""
+        """The array of a product for one sample, as it is stored."""
 
 
 class ShardReader:
-    """Shards as `make_dataset` writes them; those read last are kept."""
+    """Reads shards that `make_dataset` wrote; the last ones are cached."""
 
     def __init__(self, folder: Path, recipe: Recipe, most_bytes: float) -> None:
         records: list[dict[str, Any]] = []
@@ -80,7 +81,7 @@ class ShardReader:
         self._kept = LastUsed[np.ndarray](most_bytes, array_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
-        """A sample's array as it is stored."""
+        """The array of a product for one sample, as it is stored."""
         record, shard = self.records[position], self._shards[position]
         if product in RAGGED:
             self._check(shard.path)
@@ -88,12 +89,12 @@ class ShardReader:
         return np.array(self._kept.get((shard.path, product), partial(self._rows, shard, product))[record["row"]])
 
     def _rows(self, shard: Shard, product: str) -> np.ndarray:
-        """The stacked array of a product in a shard, whose file is checked first."""
+        """The stacked array of a product in a shard, after checking its file."""
         self._check(shard.path)
         return shard.rows(product)
 
     def _check(self, path: Path) -> None:
-        """Refuses a file that is not as it was written; one that no manifest lists yet is taken as it is."""
+        """Refuses a file that has changed since it was written; a file that the manifest does not list yet is not checked."""
         if path not in self._sound and path.name in self._checksums:
             if file_sha256(path) != self._checksums[path.name]:
                 raise damaged(path, "its checksum is another")
@@ -101,7 +102,8 @@ class ShardReader:
 
 
 class Dataset:
-    """The samples of a folder that did not fail, in the order of their indices; workers that copy it read for themselves."""
+    """The samples in a folder, without those that failed, in the order of their indices. A copy in a worker process reads files for
+    itself."""
 
     def __init__(self, path: str | Path, *, cached_mb: float = CACHED_MB) -> None:
         """A data set by its folder.
@@ -128,7 +130,7 @@ class Dataset:
             else ParquetReader(self.path / DATA, self.recipe, most_bytes)
         )
         self.records: tuple[dict[str, Any], ...] = self._reader.records
-        """What is known of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
+        """Record of each sample: label, sentence, provenance, view, SNR, verdict of the filter."""
         self.failed: tuple[dict[str, Any], ...] = self._reader.failed
         """Records of the samples that failed."""
         if len(set(self.indices.tolist())) < len(self.records):
@@ -144,22 +146,22 @@ class Dataset:
 
     @property
     def classes(self) -> tuple[str, ...]:
-        """Names of the classes; a label is a number in this order."""
+        """Names of the classes; a label is an index into them."""
         return self.recipe.classes
 
     @property
     def labels(self) -> np.ndarray:
-        """Number of each sample's class, (N,)."""
+        """Label of each sample, that is the index of its class, (N,)."""
         return np.array([self.classes.index(record["class"]) for record in self.records], dtype=np.int64)
 
     @property
     def indices(self) -> np.ndarray:
-        """Index of each sample in its recipe, (N,); samples that failed leave gaps."""
+        """Index of each sample in the recipe, (N,); samples that failed leave gaps."""
         return np.array([record["index"] for record in self.records], dtype=np.int64)
 
     @property
     def sides(self) -> dict[str, np.ndarray]:
-        """Positions of the samples of each side, (M,), where the recipe makes sides."""
+        """Positions of the samples on each side of the split, (M,), if the recipe defines sides."""
         of_samples = [self.recipe.side_at(record["description"]) for record in self.records]
         return {
             side.name: np.flatnonzero([of_sample == side for of_sample in of_samples]) for side in self.recipe.sides
@@ -167,18 +169,19 @@ class Dataset:
 
     @property
     def products(self) -> tuple[str, ...]:
-        """Names of what is kept of each sample."""
+        """Names of the products that are stored for each sample."""
         return tuple(self.recipe.products.kept)
 
     @property
     def parts(self) -> tuple[str, ...]:
-        """Names of the parts whose powers are kept; none where the recipe has none."""
+        """Names of the parts whose powers are stored; none if the recipe has none."""
         return () if self.recipe.products.parts is None else self.recipe.products.parts.names
 
     def positions(self, indices: Sequence[int] | np.ndarray) -> np.ndarray:
-        """Where samples of these indices stand here, (M,); an index is that in the recipe, a position that among finished samples.
+        """Positions of the samples with these indices, (M,). An index counts in the recipe, a position counts the samples that did
+        not fail.
 
-        Raises InputError for an index of which there is no finished sample.
+        Raises InputError for an index without a finished sample.
         """
         places = {int(index): place for place, index in enumerate(self.indices)}
         lacking = [int(index) for index in indices if int(index) not in places]
@@ -189,15 +192,16 @@ class Dataset:
         return np.array([places[int(index)] for index in indices], dtype=np.int64)
 
     def array(self, position: int, product: Product) -> np.ndarray:
-        """A sample's array as it is stored, of the type and shape that the recipe's product has; `values` tells what it means.
+        """The array of a product for one sample as it is stored, in the type and shape that the recipe specifies; `values` decodes
+        it.
 
-        Raises InputError for a product that is not kept, and for a file that is damaged or not of this recipe.
+        Raises InputError for a product that is not stored, and for a file that is damaged or belongs to another recipe.
         """
         return self._reader.array(position, self.checked(product))
 
     def values(self, position: int, product: Product) -> np.ndarray:
-        """A sample's values: levels [dB, 0 at the greatest cell] of a map, float32; powers of parts over that of the spectrogram's
-        greatest cell, (part, speed, time), in the order of `parts`; samples of the ADC, points or truth."""
+        """The values of a product for one sample: levels [dB, 0 at the greatest cell] of a map, float32; powers of parts relative
+        to the spectrogram's greatest cell, (part, speed, time), in the order of `parts`; ADC samples, points or truth."""
         return decoded(self.array(position, product), product, self.recipe.products, self.records[position])
 
     def to_xarray(self, product: Product) -> xr.Dataset:
@@ -208,14 +212,15 @@ class Dataset:
         return xarray_view(self, product)
 
     def checked(self, product: str) -> Product:
-        """A product by its name, if the data set holds it."""
+        """A checked name of a product that the data set holds."""
         if product not in self.products:
             raise unknown_name("product", product, self.products)
         return cast(Product, product)
 
 
 def decoded(array: np.ndarray, product: str, products: Products, record: dict[str, Any]) -> np.ndarray:
-    """What an array stands for: levels [dB] of a map, float32, complex samples of the ADC [sqrt(W)]; the others as they are."""
+    """The values that a stored array represents: levels [dB] of a map, float32, or complex ADC samples [sqrt(W)]; others
+    unchanged."""
     definition = products.kept[product]
     if product == "adc":
         if definition.dtype == "complex64":

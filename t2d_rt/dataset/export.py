@@ -1,4 +1,4 @@
-"""A data set for other programs: parquet with a data card, folders of PNG, or NumPy's .npz."""
+"""Exports a data set for other programs: parquet with a data card, folders of PNG pictures, or NumPy's .npz."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ Format = Literal["parquet", "png", "npz"]
 FORMATS: tuple[Format, ...] = get_args(Format)
 
 CARD = Path(__file__).with_name("data_card.md")
-"""Text of a data card, with $ where figures go."""
+"""Template of the data card, with $ where figures are inserted."""
 ALL = "all"
-"""Name of the one side of a data set that is not split."""
+"""Name of the only side of a data set that is not split."""
 LABELS = (
     "file",
     "index",
@@ -49,7 +49,7 @@ LABELS = (
     "snr_db",
     "passed",
 )
-"""Columns of labels.csv, before those of the picture's axes and levels."""
+"""First columns of labels.csv, followed by those of the picture's axes and levels."""
 
 
 def export_dataset(
@@ -108,7 +108,7 @@ def export_dataset(
 
 
 def _check_apart(source: Path, target: Path) -> None:
-    """Refuses a place that overlaps the data set, or that an export would replace though none wrote it."""
+    """Refuses a target that overlaps the data set, or a folder that an export would replace although no export wrote it."""
     source_path, target_path = source.resolve(), target.resolve()
     if source_path.is_relative_to(target_path) or target_path.is_relative_to(source_path):
         raise InputError(f"{target} overlaps the data set {source} that is exported; choose another folder")
@@ -117,7 +117,7 @@ def _check_apart(source: Path, target: Path) -> None:
 
 
 def _products(dataset: Dataset, to: Format, products: Collection[str] | None) -> tuple[Product, ...]:
-    """The products that are exported, each once; pictures are made of spectrograms alone."""
+    """The products to export, each once; pictures are made of spectrograms only."""
     default = ("spectrogram",) if to == "png" else dataset.products
     chosen = default if products is None else tuple(products)
     for product in chosen:
@@ -135,7 +135,7 @@ def _products(dataset: Dataset, to: Format, products: Collection[str] | None) ->
 
 
 def _write_pictures(dataset: Dataset, folder: Path, sides: Mapping[str, np.ndarray], range_db: float) -> None:
-    """SIDE/CLASS/INDEX.png of 8 bits, approaching on top, and labels.csv."""
+    """Writes SIDE/CLASS/INDEX.png with 8 bits, approaching speeds on top, and labels.csv."""
     spectrogram: SpectrogramProduct = dataset.recipe.products.kept["spectrogram"]
     if spectrogram.dtype == "uint8" and range_db > spectrogram.dynamic_range_db:
         raise InputError(
@@ -164,12 +164,12 @@ def _write_pictures(dataset: Dataset, folder: Path, sides: Mapping[str, np.ndarr
 
 
 def picture(levels_db: np.ndarray, range_db: float) -> np.ndarray:
-    """Levels (speed, time), 0 dB at the greatest, as grey levels 0..255 with the greatest speed in the first row."""
+    """Grey levels 0..255 for levels (speed, time), 0 dB at the greatest; the greatest speed is in the first row."""
     return np.rint(255.0 * np.clip(1.0 + levels_db[::-1].astype(np.float64) / range_db, 0.0, 1.0)).astype(np.uint8)
 
 
 def write_png(path: Path, grey: np.ndarray) -> None:
-    """Writes grey levels (rows, columns), uint8, as a picture."""
+    """Writes grey levels (rows, columns), uint8, as a PNG file."""
     from PIL import Image
 
     Image.fromarray(grey).save(path, format="PNG")
@@ -179,7 +179,7 @@ def write_png(path: Path, grey: np.ndarray) -> None:
 
 
 def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Sequence[Product]) -> None:
-    """PATH.npz with arrays by product, and PATH.jsonl with the records."""
+    """Writes PATH.npz with the arrays by product, and PATH.jsonl with the records."""
     records = [dataset.records[place] for place in positions]
     small: dict[str, Any] = {
         "label": dataset.labels[positions],
@@ -206,7 +206,8 @@ def _write_npz(dataset: Dataset, path: Path, positions: np.ndarray, products: Se
 
 
 def _write_product(archive: zipfile.ZipFile, dataset: Dataset, positions: np.ndarray, product: Product) -> None:
-    """One array (sample, ...), sample by sample; of what differs in size an array for each sample, PRODUCT_INDEX."""
+    """Writes an array (sample, ...), sample by sample; for products of varying size an array for each sample, called
+    PRODUCT_INDEX."""
     if product in RAGGED:
         for place in positions:
             name = f"{product}_{dataset.records[place]['index']}"
@@ -235,7 +236,7 @@ def _write_array(archive: zipfile.ZipFile, name: str, array: np.ndarray) -> None
 def data_card(
     dataset: Dataset, sides: Mapping[str, np.ndarray], products: Sequence[Product], split: Split | None
 ) -> str:
-    """README.md of a folder of parquet files: front matter for Hugging Face, then the text."""
+    """README.md of a folder of parquet files: front matter for Hugging Face, followed by the text."""
     recipe = dataset.recipe
     front = {
         "pretty_name": f"t2d-rt {recipe.name}",
@@ -266,7 +267,7 @@ def data_card(
 
 
 def _size(count: int) -> str:
-    """The category of size that Hugging Face has for so many samples."""
+    """Hugging Face's size category for that number of samples."""
     for limit, words in ((1000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")):
         if count < limit:
             return words
@@ -274,7 +275,7 @@ def _size(count: int) -> str:
 
 
 def _counts(dataset: Dataset, sides: Mapping[str, np.ndarray]) -> str:
-    """A table of the samples of each class on each side."""
+    """A table of the numbers of samples of each class on each side."""
     rows = [["label", "class", *sides], ["---"] * (2 + len(sides))]
     for number, name in enumerate(dataset.classes):
         rows.append([str(number), name, *(f"{np.sum(dataset.labels[side] == number)}" for side in sides.values())])
@@ -282,13 +283,13 @@ def _counts(dataset: Dataset, sides: Mapping[str, np.ndarray]) -> str:
 
 
 def _table(rows: Sequence[Sequence[str]]) -> str:
-    """A table in Markdown; the second row is that of dashes."""
+    """A Markdown table; the second row must be dashes."""
     lines = [f"|{'|'.join(row)}|" if row[0] == "---" else f"| {' | '.join(row)} |" for row in rows]
     return "\n".join(lines)
 
 
 def _splitting(split: Split | None) -> str:
-    """What is held apart, what is on two sides all the same, and what was left out for it."""
+    """Text on the split: what is held apart, what is on two sides nevertheless, and which samples were left out."""
     if split is None:
         return "The samples are not split; `t2d-rt dataset split` does so without leaks."
     *first, last = split.apart
@@ -298,7 +299,7 @@ def _splitting(split: Split | None) -> str:
 
 
 def _radars(recipe: Recipe) -> str:
-    """A table of the conditions."""
+    """A table of the conditions and their radars."""
     rows: list[Sequence[str]] = [
         ["condition", "scene", "model", "carrier [GHz]", "bandwidth [GHz]", "speeds [m/s]", "range bin [cm]"],
         ["---"] * 7,
@@ -317,7 +318,7 @@ def _radars(recipe: Recipe) -> str:
 
 
 def _array_line(dataset: Dataset, product: Product) -> str:
-    """Type, meaning and axes of a product."""
+    """A line with type, meaning and axes of a product."""
     array, entry = dataset.array(0, product), dataset.records[0]["products"][product]
     axes = ", ".join(
         f"{name.rpartition('_')[0]} {entry[name][0]:.4g} to {entry[name][1]:.4g} {unit}"
@@ -328,7 +329,7 @@ def _array_line(dataset: Dataset, product: Product) -> str:
 
 
 def _meaning(dataset: Dataset, product: Product) -> str:
-    """Axes, units and scale of a product, in words."""
+    """Text on the axes, units and scale of a product."""
     definition: Any = dataset.recipe.products.kept[product]
     if product == "adc":
         return "(chirp, antenna, sample) of the ADC in sqrt(W), real and imaginary part last" + (
@@ -356,7 +357,7 @@ def _meaning(dataset: Dataset, product: Product) -> str:
 
 
 def _quality(dataset: Dataset) -> str:
-    """Verdicts of the filter, SNR and field errors over all samples, as a list in Markdown."""
+    """A Markdown list with the filter's verdicts, SNR and field errors over all samples."""
     snr = np.array([record["snr_db"] for record in dataset.records if record["snr_db"] is not None])
     errors = np.array([record["error_db"] for record in dataset.records if record["error_db"] is not None])
     passed = np.mean([record["passed"] for record in dataset.records])

@@ -1,7 +1,7 @@
-"""One run at a time in a folder.
+"""A lock that lets only one run work in a folder.
 
-The lock is the kernel's (flock), which ends with the process, however that ends. Some network file systems have none, and none
-reaches to another machine: there the file's text, process and machine, tells who works in the folder.
+It is the kernel's flock, which ends with the process, however that ends. Some network file systems have none, and it does not reach
+other machines; there the text in the lock file, with process and machine, says who works in the folder.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ LOCK = ".lock"
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Holds a folder's lock, a file that tells process and machine; that of a process which is gone is taken over."""
+    """Holds a folder's lock, a file with the process and machine in it; takes over the lock of a process that no longer exists."""
     path, host = folder / LOCK, socket.gethostname()
     file = _locked_file(folder)
     try:
         holder = _holder(file)
-        if holder and holder.get("host") != host:  # its lock may not be seen here
+        if holder and holder.get("host") != host:  # a lock held there may not be visible here
             raise _in_use(folder, holder)
         os.ftruncate(file, 0)
         os.pwrite(file, json.dumps({"pid": os.getpid(), "host": host}).encode(), 0)
@@ -43,7 +43,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def _locked_file(folder: Path) -> int:
-    """The lock's file, opened and locked; opened anew where the run that held it took it away in between."""
+    """The open, locked lock file; it is opened again where the previous holder removed it in between."""
     import fcntl
 
     path = folder / LOCK
@@ -57,7 +57,7 @@ def _locked_file(folder: Path) -> int:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise _in_use(folder, _holder(file)) from None
-            except OSError:  # a file system without locks: process and machine tell
+            except OSError:  # a file system without locks: rely on process and machine
                 holder = _holder(file)
                 if holder.get("host") == socket.gethostname() and _alive(holder.get("pid")):
                     raise _in_use(folder, holder) from None
@@ -71,7 +71,7 @@ def _locked_file(folder: Path) -> int:
 
 
 def in_use(folder: Path) -> bool:
-    """Whether a run works in a folder; of one on another machine, whether it has not taken its lock away."""
+    """Whether a run works in a folder; for a run on another machine, whether its lock file is still there."""
     try:
         file = os.open(folder / LOCK, os.O_RDONLY)
     except OSError:
@@ -84,7 +84,7 @@ def in_use(folder: Path) -> bool:
 
 
 def _holder(file: int) -> dict[str, object]:
-    """What a lock's file tells of who holds it; nothing where it is empty or damaged."""
+    """The content of a lock file, about its holder; empty where it is damaged."""
     try:
         holder = json.loads(os.pread(file, 1000, 0) or b"{}")
     except (ValueError, RecursionError):
@@ -93,7 +93,7 @@ def _holder(file: int) -> dict[str, object]:
 
 
 def _alive(pid: object) -> bool:
-    """Whether a process of this machine runs; one of another user does, though it cannot be signalled."""
+    """Whether a process exists on this machine, even that of another user, which cannot be signalled."""
     try:
         os.kill(int(str(pid)), 0)
     except (ValueError, ProcessLookupError):

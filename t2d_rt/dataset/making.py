@@ -1,6 +1,6 @@
-"""`make_dataset`: the samples of a recipe, shard by shard, into a folder; what is finished there is not made again.
+"""`make_dataset`: makes the samples of a recipe in a folder, shard by shard; finished ones are not made again.
 
-Processes of this machine (joblib's loky) work, or those of a cluster (dask.distributed).
+Work is done by processes of this machine (joblib's loky) or of a cluster (dask.distributed).
 """
 
 from __future__ import annotations
@@ -53,22 +53,22 @@ from t2d_rt.recording.maps import background_settings, check_axes
 Task = tuple[Any, ...]
 Work = Callable[..., Any]
 Scheduler = Callable[[Work, Sequence[Task]], Iterator[Any]]
-"""Takes a function of `worker` and the arguments of its calls, and gives what they return, in any order."""
+"""Function that runs a function of `worker` for each set of arguments, and yields the results in any order."""
 
 ADDRESS = re.compile(r"(tcp|tls)://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]):[0-9]{1,5}")
 AT_ONCE = 10_000
-"""Calls that a scheduler holds at most: ten for each of a thousand workers. A million would take it gigabytes."""
+"""Greatest number of calls that a scheduler holds at once: ten for each of a thousand workers. A million would need gigabytes."""
 LIMITED = "OMP_NUM", "OPENBLAS_NUM", "MKL_NUM", "BLIS_NUM", "NUMBA_NUM", "NUMEXPR_NUM", "VECLIB_MAXIMUM"
 THREADS = {f"{name}_THREADS": "1" for name in LIMITED}
-"""Variables of libraries that would start as many threads in each worker as there are cores."""
+"""Environment variables that keep libraries from starting as many threads in each worker as there are cores."""
 IDLE_S = 300.0
-"""How long workers wait for the next run."""
+"""How long idle workers wait for the next run [s]."""
 RETRIES = 2
-"""How often a call is repeated whose worker was lost."""
+"""How often a call is repeated if its worker was lost."""
 
 
 def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
-    """What does the work, and how many processes of this machine share its cores: none where the work is done elsewhere.
+    """The scheduler, and the number of worker processes that share the cores of this machine: 0 if the work is done elsewhere.
 
     name: None for `workers` processes of this machine, "local:N" or an address for a cluster of dask.
     """
@@ -85,19 +85,19 @@ def scheduler_named(name: str | None, workers: int) -> tuple[Scheduler, int]:
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def here(work: Work, tasks: Sequence[Task]) -> Iterator[Any]:
-    """Works in this process, on one task after another."""
+    """Runs the tasks in this process, one after the other."""
     for task in tasks:
         yield work(*task)
 
 
 def on_this_machine(work: Work, tasks: Sequence[Task], workers: int) -> Iterator[Any]:
-    """Works in processes of this machine, which compute with the kernels that all machines have; a worker that is lost ends the run
-    in one sentence. joblib's own calls would do the work of a single worker in this process."""
+    """Runs the tasks in processes of this machine, which use the kernels common to all machines; the loss of a worker ends the run
+    with a single sentence. (joblib's own interface would run a single worker's tasks in this process.)"""
     from joblib.externals.loky import BrokenProcessPool, get_reusable_executor
 
     environment = THREADS | common_kernels()
@@ -125,7 +125,7 @@ def on_this_machine(work: Work, tasks: Sequence[Task], workers: int) -> Iterator
 
 @contextmanager
 def _silent(name: str) -> Iterator[None]:
-    """Silences a logger, whose page of traceback would stand beside the one sentence of the error."""
+    """Silences a logger that would print a traceback beside the error's single sentence."""
     logger = logging.getLogger(name)
     level = logger.level
     logger.setLevel(logging.CRITICAL)
@@ -136,12 +136,12 @@ def _silent(name: str) -> Iterator[None]:
 
 
 def local_cluster(workers: int) -> Any:
-    """A cluster of dask of so many processes of this machine, which compute with the kernels that all machines have."""
+    """A dask cluster of `workers` processes on this machine, which use the kernels common to all machines."""
     from dask import config
     from distributed import LocalCluster
 
     before, kernels = dict(os.environ), common_kernels()
-    os.environ.update(kernels)  # the user's own variables would go before those of dask's settings
+    os.environ.update(kernels)  # otherwise the user's own variables would override those in dask's settings
     try:
         with config.set({f"distributed.nanny.pre-spawn-environ.{name}": value for name, value in kernels.items()}):
             return LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, dashboard_address=None)
@@ -152,7 +152,7 @@ def local_cluster(workers: int) -> Any:
 
 
 def on_a_cluster(work: Work, tasks: Sequence[Task], address: str | None, workers: int) -> Iterator[Any]:
-    """Works on a cluster of dask: one that runs at an address, or one of so many processes of this machine."""
+    """Runs the tasks on a dask cluster: one at an address, or `workers` processes of this machine."""
     try:
         from distributed import CancelledError, Client, KilledWorker, as_completed
         from distributed.comm import CommClosedError
@@ -182,7 +182,7 @@ def on_a_cluster(work: Work, tasks: Sequence[Task], address: str | None, workers
             "finished stays"
         ) from None
     finally:
-        with suppress(Exception), _silent("distributed.client"):  # of a scheduler that is lost
+        with suppress(Exception), _silent("distributed.client"):  # errors of a scheduler that was lost
             client.close()
         if cluster is not None:
             cluster.close()
@@ -190,21 +190,21 @@ def on_a_cluster(work: Work, tasks: Sequence[Task], address: str | None, workers
 
 LOG = "log"
 MOST_FAILED = 0.05
-"""Fraction of the samples that may fail before the run stops."""
+"""Greatest fraction of the samples that may fail before the run stops."""
 
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run left in its folder."""
+    """Result of a run."""
 
     samples: int
-    """Samples that were asked for and are there."""
+    """Number of finished samples among those asked for."""
     made: int
-    """Number of these that this run has made."""
+    """Number of samples that this run has made."""
     failures: tuple[tuple[int, str], ...]
-    """Index and reason of samples that failed."""
+    """Index of each sample that failed, and the reason."""
     seconds: float
 
 
@@ -246,7 +246,7 @@ def make_dataset(
         if run.tasks:
             plans = make_plans(recipe, target / PLANS, count, threads, take_up)
             text = recipe.model_dump_json()
-            run.write_manifest()  # of which files samples follow, for the run that goes on
+            run.write_manifest()  # files on which samples depend, for a run that continues this one
             try:
                 for samples in take_up(make_samples, [(text, plans, [index], threads) for index in run.tasks]):
                     run.add(samples)
@@ -262,7 +262,7 @@ def make_dataset(
 
 
 def _warn_of_versions(manifest: Path) -> None:
-    """Warns where the samples that there are were made by other versions."""
+    """Warns if the existing samples were made with other versions."""
     if not manifest.is_file():
         return
     begun, current = read_manifest(manifest.parent).get("versions", {}), versions()
@@ -274,7 +274,7 @@ def _warn_of_versions(manifest: Path) -> None:
 
 
 def _prepare(folder: Path, recipe: Recipe) -> None:
-    """Makes the folder of a data set, or checks that it is one of the same recipe."""
+    """Creates the folder of a data set, or checks that it belongs to the same recipe."""
     inputs = recipe.files()
     missing = [name for name, checksum in inputs.items() if checksum is None]
     if missing:
@@ -308,7 +308,7 @@ def _prepare(folder: Path, recipe: Recipe) -> None:
 
 
 def _check_background(recipe: Recipe) -> None:
-    """Refuses a background model that a radar of the recipe cannot have, and warns of another band, before anything is made."""
+    """Refuses a background model that does not fit a radar of the recipe, and warns of another band, before anything is made."""
     if recipe.background is None or recipe.products.spectrogram is None:
         return
     for radar in dict.fromkeys(condition.radar or recipe.radar for condition in recipe.conditions):
@@ -317,16 +317,16 @@ def _check_background(recipe: Recipe) -> None:
 
 
 class _Run:
-    """The shards that are there, and those that are being made."""
+    """State of a run: the shards that exist, and those that are being made."""
 
     def __init__(self, recipe: Recipe, folder: Path, count: int, progress: Progress | None) -> None:
         self._recipe, self._folder, self._count, self._progress = recipe, folder, count, progress
         manifest = read_manifest(folder)
         self._files: dict[str, str] = dict(manifest.get("files", {}))
         self._made_on: set[str] = set(manifest.get("made_on", []))
-        """Processors and kernels that samples were made with."""
+        """Processors and kernels with which samples of the folder were made."""
         self._seen: set[str] = set()
-        """Those that samples of this run were made with."""
+        """Processors and kernels with which samples of this run were made."""
         self._waiting: dict[int, dict[int, MadeSample]] = {}
         self._inputs = recipe.files()
         self._log: list[dict[str, Any]] = []
@@ -334,7 +334,7 @@ class _Run:
         self.made = 0
         self.done = 0
         self._counts: dict[int, tuple[int, int]] = {}
-        """Samples of each shard that there is, and how many of them failed."""
+        """For each existing shard, the number of samples and how many of them failed."""
         self.tasks: list[int] = []
         """Indices of the samples that are missing."""
         finished = self._finished()
@@ -349,12 +349,12 @@ class _Run:
                     self._take(samples)
 
     def _indices(self, number: int) -> list[int]:
-        """Indices of the samples of a shard, as far as they are asked for."""
+        """Indices of the samples in a shard, as far as they are asked for."""
         size = self._recipe.samples_per_shard
         return list(range(number * size, min((number + 1) * size, self._count)))
 
     def _finished(self) -> set[int]:
-        """Numbers of the shards that are whole and sound; one that is not stops the run before it costs anything."""
+        """Numbers of the complete, valid shards; an invalid one stops the run before anything is computed."""
         finished = set()
         for number in numbers(self._folder):
             name = shard_name(number)
@@ -370,16 +370,16 @@ class _Run:
             records = Shard.of(self._folder, number, self._recipe).records
             self._check_records(number, records)
             self._count_records(number, records)
-            if len(records) >= len(self._indices(number)):  # one of an earlier limit may lack samples
+            if len(records) >= len(self._indices(number)):  # a shard of a run with a lower limit may lack samples
                 finished.add(number)
-                # Of a larger run there may be more, whose failures count for that one.
+                # A larger run may have made more samples; their failures count for that run.
                 requested = [MadeSample(record) for record in records if record["index"] < self._count]
                 self.done += len(requested)
                 self._note_failures(requested)
         return finished
 
     def _check_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
-        """Refuses a shard of another place or recipe, which no manifest lists yet."""
+        """Refuses a shard of another number or recipe that the manifest does not list yet."""
         first = number * self._recipe.samples_per_shard
         for index, record in enumerate(records, start=first):
             if record.get("index") != index or index >= self._recipe.samples:
@@ -394,11 +394,11 @@ class _Run:
                 )
 
     def _count_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
-        """Notes how many samples a shard has, and how many of them failed, for the manifest."""
+        """Records for the manifest how many samples a shard has, and how many of them failed."""
         self._counts[number] = len(records), sum(record["failure"] is not None for record in records)
 
     def add(self, samples: Sequence[MadeSample]) -> None:
-        """Takes what a worker has made, keeps it, and writes the shard that it completes."""
+        """Takes samples from a worker, stores them, and writes the shard if they complete it."""
         self._log += [{"index": sample.record["index"], "seconds": dict(sample.seconds)} for sample in samples]
         self.made += len(samples)
         for sample in samples:
@@ -407,7 +407,7 @@ class _Run:
         self._take(samples)
 
     def _take(self, samples: Sequence[MadeSample]) -> None:
-        """Takes samples of one shard, which is written when none is missing."""
+        """Takes samples of a single shard, and writes it when none is missing."""
         number = samples[0].record["index"] // self._recipe.samples_per_shard
         waiting = self._waiting.setdefault(number, {})
         waiting |= {sample.record["index"]: sample for sample in samples}
@@ -416,7 +416,7 @@ class _Run:
         if len(waiting) == len(self._indices(number)):
             shard = [waiting[index] for index in sorted(waiting)]
             if self._counts.pop(number, None) is not None:
-                self.write_manifest()  # without the smaller shard that is replaced, whose checksums the new one does not have
+                self.write_manifest()  # without the smaller shard that is replaced, whose checksums differ
             self._files |= write_shard(self._folder, number, shard)
             self._count_records(number, [sample.record for sample in shard])
             del self._waiting[number]
@@ -426,7 +426,8 @@ class _Run:
             self._progress(min(1.0, self.done / self._count))
 
     def _note_machine(self, sample: MadeSample) -> None:
-        """Writes into the manifest what a sample was made with, before the sample itself; warns once of a worker's own kernels."""
+        """Records in the manifest with what a sample was made, before the sample itself is stored; warns once of a worker with its
+        own kernels."""
         if sample.machine in self._seen:
             return
         self._seen.add(sample.machine)
@@ -441,7 +442,7 @@ class _Run:
             )
 
     def _note_failures(self, samples: Sequence[MadeSample]) -> None:
-        """Notes which samples failed; stops the run where they are too many to be chance."""
+        """Records which samples failed, and stops the run if they are too many."""
         self.failures += [
             (sample.record["index"], sample.record["failure"]) for sample in samples if sample.record["failure"]
         ]
@@ -453,7 +454,7 @@ class _Run:
             )
 
     def write_manifest(self) -> None:
-        """Writes which files there are: the same bytes for the same recipe and the same samples."""
+        """Writes the list of files; it has the same bytes for the same recipe and samples."""
         names = [f"{shard_name(number)}.{kind}" for number in sorted(self._counts) for kind in ("npz", "jsonl")]
         samples, failed = (sum(count[place] for count in self._counts.values()) for place in (0, 1))
         manifest = {
@@ -469,7 +470,7 @@ class _Run:
         write_whole(self._folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
 
     def write_log(self) -> None:
-        """Writes how long each sample took: the one thing that differs from run to run."""
+        """Writes how long each sample took; this is the only file that differs from run to run."""
         if self._log:
             lines = "".join(f"{json.dumps(entry)}\n" for entry in self._log)
             write_whole(self._folder / LOG / f"{time.time_ns()}.jsonl", lines.encode())

@@ -1,4 +1,5 @@
-"""A data set as parquet files that pandas, DuckDB and Hugging Face's `datasets` read, and back to the same arrays."""
+"""A data set as parquet files, which pandas, DuckDB and Hugging Face's `datasets` can read, and from which the same arrays can be
+restored."""
 
 from __future__ import annotations
 
@@ -21,9 +22,10 @@ if TYPE_CHECKING:
     from t2d_rt.dataset.recipe import Recipe
 
 ROWS = 2000
-"""Samples of a file."""
+"""Number of samples in a file."""
 GROUP, GROUP_BYTES = 64, 64_000_000
-"""Samples of a row group, which readers take into memory at once, and their bytes as far as one sample has no more."""
+"""Greatest number of samples in a row group, which readers load at once, and its greatest size in bytes if it has more than one
+sample."""
 
 COLUMNS = {
     "index": "int64",
@@ -41,17 +43,17 @@ COLUMNS = {
     "error_db": "float64",
     "passed": "bool",
 }
-"""What is told of each sample beside its arrays, and as what."""
+"""Columns for each sample, except its arrays, and their types."""
 RECORD = "record"
-"""The column that holds the whole record as JSON."""
+"""Name of the column with the whole record as JSON."""
 DATA = "data"
-"""Folder of the files beside their data card."""
+"""Name of the folder with the files, beside the data card."""
 EXTENSION = "datasets.features.features.Array{}DExtensionType"
-"""Name by which `datasets` knows the type of a column of arrays; other readers take it for lists of lists."""
+"""Name of the type that `datasets` uses for a column of arrays; other readers see lists of lists."""
 
 
 def write_parquet(dataset: Dataset, folder: Path, name: str, positions: np.ndarray, products: Sequence[Product]) -> int:
-    """Writes samples as NAME-00000-of-00001.parquet and so on; the number of files."""
+    """Writes samples as NAME-00000-of-00001.parquet and so on; returns the number of files."""
     pa, pq = pyarrow()
     files = max(1, -(-len(positions) // ROWS))
     schema, group = None, _group_samples(dataset, positions, products)
@@ -66,7 +68,7 @@ def write_parquet(dataset: Dataset, folder: Path, name: str, positions: np.ndarr
 
 
 def _group_samples(dataset: Dataset, positions: np.ndarray, products: Sequence[Product]) -> int:
-    """Samples of a row group, by the size of the first one: ADC samples have tens of MB each."""
+    """Number of samples in a row group, judged by the size of the first one; ADC samples take tens of MB each."""
     if not len(positions):
         return GROUP
     size = sum(dataset.array(int(positions[0]), product).nbytes for product in products)
@@ -74,7 +76,7 @@ def _group_samples(dataset: Dataset, positions: np.ndarray, products: Sequence[P
 
 
 class ParquetReader:
-    """Files that `write_parquet` wrote; the row groups read last are kept."""
+    """Reads files that `write_parquet` wrote; the last row groups are cached."""
 
     def __init__(self, folder: Path, recipe: Recipe, most_bytes: float) -> None:
         _, pq = pyarrow()
@@ -91,7 +93,7 @@ class ParquetReader:
         self._recipe, self._kept = recipe, LastUsed[list[np.ndarray]](most_bytes, array_bytes)
 
     def array(self, position: int, product: str) -> np.ndarray:
-        """A sample's array as it was in its shard."""
+        """The array of a product for one sample, as it was in its shard."""
         path, group, row = self._places[position]
         array = np.array(self._kept.get((path, group, product), partial(_read_arrays, path, group, product))[row])
         try:
@@ -103,17 +105,17 @@ class ParquetReader:
 
 @contextmanager
 def _opened(pq: Any, path: Path) -> Iterator[Any]:
-    """A file of `write_parquet`."""
+    """Opens a file of `write_parquet`; errors become an InputError."""
     try:
         with pq.ParquetFile(path) as file:
             yield file
-    except Exception as error:  # of a damaged file, or one that lacks the columns, pyarrow raises several kinds
+    except Exception as error:  # pyarrow raises several types of errors for a damaged file, or one without the columns
         reason = " ".join(str(error).split())
         raise InputError(f"{path} cannot be read ({reason}); export the data set again") from None
 
 
 def _read_arrays(path: Path, group: int, product: str) -> list[np.ndarray]:
-    """The arrays of a product in one row group, of the type and shape that Hugging Face's metadata tells."""
+    """The arrays of a product in a row group, in the type and shape given by Hugging Face's metadata."""
     _, pq = pyarrow()
     with _opened(pq, path) as file:
         feature = json.loads(file.schema_arrow.metadata[b"huggingface"])["info"]["features"][product]
@@ -122,7 +124,7 @@ def _read_arrays(path: Path, group: int, product: str) -> list[np.ndarray]:
 
 
 def pyarrow() -> tuple[Any, Any]:
-    """The package pyarrow and its module of parquet files."""
+    """The package pyarrow, and its module for parquet files."""
     with suppress(ImportError):
         import pyarrow as pa
         import pyarrow.parquet as pq
@@ -134,7 +136,7 @@ def pyarrow() -> tuple[Any, Any]:
 
 
 def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
-    """The columns as Arrow has them, and in the metadata as Hugging Face's `datasets` describes them."""
+    """The columns in Arrow's types, with Hugging Face's description for `datasets` in the metadata."""
     features: dict[str, dict[str, Any]] = {}
     fields = []
     for name, kind in [*COLUMNS.items(), *((product, "array") for product in products), (RECORD, "string")]:
@@ -146,7 +148,7 @@ def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
             fields.append(pa.field(name, kind))
         else:
             array = _real(dataset.array(0, cast("Product", name)))
-            # Only the first dimension may differ from sample to sample.
+            # only the first dimension may differ from sample to sample
             shape = [None if name in RAGGED else array.shape[0], *array.shape[1:]]
             features[name] = {"shape": shape, "dtype": str(array.dtype), "_type": f"Array{array.ndim}D"}
             nested = pa.from_numpy_dtype(array.dtype)
@@ -161,7 +163,7 @@ def _schema(pa: Any, dataset: Dataset, products: Sequence[Product]) -> Any:
 
 
 def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[Product], schema: Any) -> Any:
-    """Samples as a table of the schema."""
+    """Samples as a table with the schema."""
     records = [dataset.records[place] for place in positions]
     columns: dict[str, Any] = {}
     for name in COLUMNS:
@@ -175,7 +177,7 @@ def _table(pa: Any, dataset: Dataset, positions: np.ndarray, products: Sequence[
 
 
 def _lists(pa: Any, arrays: Sequence[np.ndarray]) -> Any:
-    """Arrays that differ in their first dimension at most as lists of lists."""
+    """Arrays as lists of lists; they may differ in their first dimension."""
     inner = arrays[0].shape[1:]
     column = pa.array(np.concatenate([array.ravel() for array in arrays]))
     for length in inner[::-1]:
@@ -185,7 +187,7 @@ def _lists(pa: Any, arrays: Sequence[np.ndarray]) -> Any:
 
 
 def _rows(column: Any, feature: dict[str, Any]) -> list[np.ndarray]:
-    """The arrays that `_lists` made a column of."""
+    """The arrays from a column that `_lists` made."""
     ends = np.asarray(column.offsets) - column.offsets[0].as_py()
     for _ in feature["shape"]:
         column = column.flatten()
@@ -196,12 +198,12 @@ def _rows(column: Any, feature: dict[str, Any]) -> list[np.ndarray]:
 
 
 def _real(array: np.ndarray) -> np.ndarray:
-    """Complex samples as a last axis of real and imaginary parts."""
+    """Complex samples with real and imaginary parts along a new last axis."""
     return array.view(np.float32).reshape(*array.shape, 2) if array.dtype == np.complex64 else array
 
 
 def _complex(array: np.ndarray, product: str) -> np.ndarray:
-    """Samples of the ADC that were exported as real and imaginary part, as complex numbers again."""
+    """ADC samples that were exported as real and imaginary parts, as complex numbers; other products unchanged."""
     if product == "adc" and array.dtype == np.float32:
         return np.ascontiguousarray(array).view(np.complex64)[..., 0]
     return array

@@ -1,4 +1,4 @@
-"""`Recipe`: everything that a data set follows from, as plain data."""
+"""`Recipe`: everything that determines a data set, as plain data."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ from t2d_rt.types.fields import Count, Decibel, Fields, Number, later
 FOLDER = Path(__file__).resolve().parent / "recipes"
 
 BODY_KINDS = 6
-"""Shapes of bodies that subjects take in turns."""
+"""Number of kinds of bodies, which subjects take in turn."""
 OWN_BODY = "own"
-"""In place of a body's name: the one that suits the subject of the description."""
+"""Stands for a body's name: the body that suits the subject of the description."""
 
 Beside = Literal["none", "fan", "curtain", "pet", "person"]
-"""What moves beside the person."""
+"""What moves in addition to the person."""
 
 
 def _plain_name(value: str) -> str:
@@ -64,11 +64,12 @@ CARRIED_IN: Mapping[str, frozenset[Activity]] = {
     **dict.fromkeys(("bag", "box"), frozenset(ACTIVITIES) - {"falling", "sitting"}),
     **dict.fromkeys(("cane", "crutch", "walker", "wheelchair"), WALKS),
 }
-"""Classes whose people may carry a thing: what hangs or is held reaches the floor under those who fall or sit there."""
+"""Classes in which a person may carry each thing. Hanging or hand-held things would touch the floor where people fall or sit
+there."""
 
 
 class Condition(Plain):
-    """Under what a motion is recorded: scene, model, radar, what people wear and carry, and what moves beside the person."""
+    """Conditions of a recording: scene, scattering model, radar, what people wear and carry, and what moves beside the person."""
 
     noun: ClassVar[str] = "condition"
     model_config = ConfigDict(use_attribute_docstrings=True)
@@ -100,22 +101,23 @@ class Condition(Plain):
     """Weight with which the condition is drawn, relative to the others."""
 
     def __hash__(self) -> int:
-        return hash(self.name)  # mappings, as things may be, have none
+        return hash(self.name)  # things may be mappings, which have no hash
 
 
 class Side(Fields):
-    """One side of a split that a recipe makes: descriptions and subjects of its own, and conditions and views that may be."""
+    """A side of a split that a recipe defines: it has its own descriptions and subjects, and optionally its own conditions and
+    views."""
 
     noun: ClassVar[str] = "side"
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     name: Literal["train", "val", "test"]
     weight: Annotated[Count, Field(ge=1, le=1000)]
-    """How many descriptions of a class, and subjects of a shape, are its own of as many as all weights add up to."""
+    """Weight of the side: of every "sum of all weights" descriptions of a class, and subjects of a kind, this many belong to it."""
     conditions: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
-    """Conditions, by name, that its samples are recorded under."""
+    """Names of the conditions under which its samples are recorded."""
     angles_deg: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=100)]
-    """Ranges of the angle, as `angles_deg` of the recipe, drawn from evenly [deg]."""
+    """Ranges of the angle, as in `angles_deg` of the recipe, from which it is drawn uniformly [deg]."""
 
     @model_validator(mode="after")
     def _rising(self) -> Self:
@@ -126,7 +128,7 @@ class Side(Fields):
 
 
 class Recipe(Fields):
-    """A data set: which descriptions, how their motions are varied and recorded, and what of the recordings is kept."""
+    """A data set: its descriptions, how their motions are varied and recorded, and which products are stored."""
 
     noun: ClassVar[str] = "recipe"
     written: ClassVar[Mapping[str, str]] = {
@@ -140,17 +142,17 @@ class Recipe(Fields):
     about: str = ""
     """Purpose of the recipe in a sentence; nothing depends on it."""
     classes: Annotated[tuple[Activity, ...], Field(min_length=1, max_length=len(ACTIVITIES))] = ACTIVITIES
-    """Classes of the samples, in the order in which they take turns."""
+    """Classes of the samples, in the order in which they alternate."""
     descriptions_per_class: Annotated[Count, Field(ge=1, le=10_000)]
-    """Different descriptions of each class, by the grammar."""
+    """Number of different descriptions for each class, made by the grammar."""
     samples_per_description: Many
-    """Motions of each description: another person, another view, another gait each time."""
+    """Number of motions for each description, each with another person, view and gait."""
     providers: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = ("auto",)
-    """What makes motions; one is drawn for each motion, and one that is named twice comes twice as often."""
+    """Providers of motions; one is drawn for each motion, so that one that is listed twice is twice as likely."""
     bodies: Annotated[tuple[str, ...], Field(min_length=1, max_length=100)] = (OWN_BODY,)
-    """Bodies, drawn likewise; "own" is the one that suits the subject of the description."""
+    """Bodies, drawn likewise; "own" is the body that suits the subject of the description."""
     subjects: Annotated[Count, Field(ge=BODY_KINDS, le=100_000)] | None = None
-    """How many persons there are, each with one body, stature, gait and breathing over many samples; by default every motion is
+    """Number of persons, each of whom has the same body, stature, gait and breathing in many samples; by default every motion is
     that of another person."""
     angles_deg: tuple[Number, Number] = (-180.0, 180.0)
     """Least and greatest angle of the motion's main direction against the line to the radar [deg]; at 0 the person comes nearer."""
@@ -159,13 +161,13 @@ class Recipe(Fields):
     distances_m: tuple[Number, Number] = (2.5, 5.0)
     """Least and greatest mean range of the person [m]."""
     moving_fractions: tuple[Number, Number] = (0.6, 0.8)
-    """Least and greatest fraction of a record in which the person moves, as nearly as the motion has such a piece."""
+    """Least and greatest fraction of a record during which the person moves, as far as the motion has such a piece."""
     gait_factors: tuple[Number, Number] = (1.0, 1.0)
     """Least and greatest tempo of the motion, relative to what was made."""
     gait_spread: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
-    """Standard deviation of the logarithm of each step's own tempo."""
+    """Standard deviation of the logarithm of an additional random tempo for each step."""
     attempts: Annotated[Count, Field(ge=1, le=20)] = 3
-    """Motions of other seeds that are made until one passes the filter; where none does, the first one is taken."""
+    """Number of motions with different seeds that are made until one passes the filter; if none does, the first one is used."""
     radar: NamedRadar
     """Fields of a radar, or the name of a preset."""
     noise: Literal["none", "receiver"] | Receiver = "receiver"
@@ -175,29 +177,29 @@ class Recipe(Fields):
     background_level_db: Decibel | None = None
     """Level of its noise floor [dB re 1 W]; by default that of one of the recordings that it was learned from."""
     masks: OcclusionMask | None = None
-    """Time windows of the spectrogram that are occluded: they show the background alone, or nothing where there is none."""
+    """Time windows of the spectrogram that are occluded: they show only the background, or nothing if there is none."""
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1, max_length=1000)]
-    """Under what motions are recorded."""
+    """Conditions under which motions are recorded."""
     sides: Annotated[tuple[Side, ...], Field(max_length=3)] = ()
-    """Train, val and test that share no description, motion or subject; none by default."""
+    """Train, val and test sides that share no description, motion or subject; none by default."""
     frozen: tuple[tuple[Count, Annotated[str, Field(pattern="^[0-9a-f]{64}$")]], ...] = ()
-    """How many of the first samples have which `content_hash`, for `dataset check` to compare; no sample depends on it."""
+    """Numbers of first samples, each with their `content_hash`, which `dataset check` compares; no sample depends on it."""
     each_condition: bool = False
     """Whether every motion is recorded under each condition; by default one is drawn for it."""
     duration_s: Annotated[Number, Field(ge=0.7, le=60)] = 5.0
     """Length of every record [s]: longer motions are cut, shorter ones held at their end."""
     products: Products = Products()
-    """What of a recording is kept."""
+    """Products that are stored of each recording."""
     error_fraction: Annotated[Number, Field(ge=0, le=1)] = 0.0
     """Fraction of the samples whose field error is measured."""
     samples_per_shard: Annotated[Count, Field(ge=1, le=10_000)] = 32
-    """Samples that one file holds."""
+    """Number of samples in a file."""
     seed: Annotated[Count, Field(ge=0)] = 0
-    """Seed of everything that is drawn."""
+    """Seed of all random draws."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Refuses fields that are sound by themselves and contradict one another or what ships."""
+        """Refuses fields that are valid by themselves but contradict one another or what is shipped."""
         for name, (low, high) in LIMITS.items():
             least, greatest = getattr(self, name)
             if not low <= least <= greatest <= high:
@@ -232,10 +234,10 @@ class Recipe(Fields):
                 self.radar,
                 *(condition.radar for condition in self.conditions if condition.radar is not None),
             }:
-                RangeGate.of(radar, gate)  # refuses a gate without a cell
+                RangeGate.of(radar, gate)  # raises an error for a gate without a range cell
         for body in self.bodies:
             if body != OWN_BODY and "@" in body:
-                template(body)  # refuses what is none
+                template(body)  # raises an error for an unknown model
             elif body != OWN_BODY and body not in bodies():
                 raise unknown_name("body", body, (OWN_BODY, *bodies()))
         return self
@@ -252,7 +254,7 @@ class Recipe(Fields):
                     )
 
     def _check_sides(self) -> None:
-        """Refuses sides that cannot be held apart, or whose conditions there are not."""
+        """Refuses sides that cannot be held apart, or that name unknown conditions."""
         condition_names = [condition.name for condition in self.conditions]
         names = [side.name for side in self.sides]
         for side in self.sides:
@@ -271,12 +273,13 @@ class Recipe(Fields):
             )
 
     def side_at(self, number: int) -> Side | None:
-        """The side of a description, or of a subject among those of one shape, by its number: sides take turns by their weights."""
+        """The side of a description, or of a subject among those of one kind, by its number: sides alternate according to their
+        weights."""
         order = [side for side in self.sides for _ in range(side.weight)]
         return order[number % len(order)] if order else None
 
     def files(self) -> dict[str, str | None]:
-        """Checksums of the files that samples follow from beside the recipe; None of one that is not there."""
+        """Checksums of the files, in addition to the recipe, on which samples depend; None for a missing file."""
         names = {condition.scene for condition in self.conditions if condition.scene.lower().endswith(FILES)}
         names |= {str(mesh) for scene in names if scene.lower().endswith(".xml") for mesh in _meshes(Path(scene))}
         if self.background is not None and self.background.lower().endswith(".safetensors"):
@@ -288,48 +291,48 @@ class Recipe(Fields):
 
     @functools.cached_property
     def hash(self) -> str:
-        """Hash of everything that samples follow from: of equal recipes the same. Truth, subjects and sides that are absent are
-        left out of it."""
+        """Hash of everything on which samples depend; equal recipes have equal hashes. Truth, subjects and sides are left out where
+        they are absent."""
         return _hash(self.model_dump(mode="json"))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy, whose hash is its own where a field is another."""
+        """A copy with some fields changed; its hash is computed anew."""
         copy = super().model_copy(update=update, deep=deep)
         if update:
             copy.__dict__.pop("hash", None)
         return copy
 
     def hashed_as(self, written: str) -> Self:
-        """A copy with the hash that an older version gave it, by which its samples were made."""
+        """A copy with the hash that an older version gave the recipe, from which its samples were seeded."""
         copy = super().model_copy()
-        copy.__dict__["hash"] = written  # where functools.cached_property keeps it
+        copy.__dict__["hash"] = written  # where functools.cached_property stores it
         return copy
 
     def seeds(self, number: int, purpose: str) -> np.random.SeedSequence:
-        """The seeds of one purpose, as "view", of a motion or sample by its number.
+        """Seeds for one purpose, such as "view", of a motion or sample by its number.
 
-        The hash of the recipe is among them, so that data sets of two recipes of one seed have nothing in common.
+        They include the hash of the recipe, so that data sets of two recipes with the same seed are independent.
         """
         words = [int(self.hash[at : at + 8], 16) for at in range(0, len(self.hash), 8)]
         return np.random.SeedSequence([self.seed, *words, number, *purpose.encode()])
 
     @property
     def motions(self) -> int:
-        """How many motions are made."""
+        """Number of motions."""
         return len(self.classes) * self.descriptions_per_class * self.samples_per_description
 
     @property
     def samples(self) -> int:
-        """How many samples there are."""
+        """Number of samples."""
         return self.motions * (len(self.conditions) if self.each_condition else 1)
 
     def to_yaml(self) -> str:
-        """Text that `read` takes for the same recipe."""
+        """YAML text from which `read` restores the recipe."""
         return self.yaml_text()
 
     @classmethod
     def read(cls, source: str | Path) -> Recipe:
-        """A recipe that ships, by its name, or that of a YAML file."""
+        """A shipped recipe by its name, or one from a YAML file."""
         path = Path(source)
         if path.suffix.lower() not in (".yaml", ".yml"):
             shipped = recipe_names()
@@ -341,7 +344,7 @@ class Recipe(Fields):
         return cls.of_file(path, {"name": path.stem.lower(), **values})._beside(path.parent)
 
     def _beside(self, folder: Path) -> Recipe:
-        """With whole paths of scenes and models that are files, which are found from the folder of the recipe."""
+        """The recipe with full paths of scenes and models that are files, which are given relative to the folder of the recipe."""
         scenes = [_whole(folder, condition.scene, FILES) for condition in self.conditions]
         conditions = tuple(
             condition.model_copy(update={"scene": scene})
@@ -352,12 +355,12 @@ class Recipe(Fields):
 
 
 def _whole(folder: Path, name: str, ending: str | tuple[str, ...]) -> str:
-    """The whole path of a file of such an ending, from a folder; other names as they are."""
+    """The full path of a file with such an ending, relative to a folder; other names unchanged."""
     return str((folder / name).resolve()) if name.lower().endswith(ending) else name
 
 
 def _meshes(scene: Path) -> list[Path]:
-    """Files of the meshes that a scene's XML file names; none where it is not there."""
+    """Files of the meshes that a scene's XML file names; none if that file does not exist."""
     if not scene.is_file():
         return []
     file = SceneFile(scene)
@@ -375,11 +378,11 @@ LIMITS = {
     "moving_fractions": (0.0, 1.0),
     "gait_factors": (0.25, 4.0),
 }
-"""Least and greatest value that each of the ranges of a recipe may reach."""
+"""Least and greatest value of each range of a recipe."""
 
 
 def _hash(values: dict[str, Any]) -> str:
-    """Hash of a recipe's plain values; what is absent counts as in versions that did not know of it."""
+    """Hash of a recipe's plain values; absent fields are treated as in versions that did not have them."""
     hashed = {name: value for name, value in values.items() if name not in ("name", "about", "frozen")}
     if hashed.get("products", {}).get("truth") is None:
         hashed["products"] = {name: value for name, value in hashed["products"].items() if name != "truth"}
@@ -390,16 +393,17 @@ def _hash(values: dict[str, Any]) -> str:
 
 
 def written_hash(path: Path) -> str | None:
-    """The hash by the keys that a data set's recipe was written with, which an older version may have made; None of a short one."""
+    """The hash over the keys with which a data set's recipe was written, perhaps by an older version; None for an incomplete
+    recipe."""
     values = read_yaml(path, noun="recipe", example="classes, conditions and a radar")
     return _hash(values) if isinstance(values.get("products"), dict) else None
 
 
 def integer_seed(sequence: np.random.SeedSequence) -> int:
-    """A seed below 2^31, for what takes whole numbers."""
+    """A seed below 2^31, for functions that take integers."""
     return int(sequence.generate_state(1, np.uint32)[0] >> 1)
 
 
 def recipe_names() -> list[str]:
-    """Names of the recipes that ship."""
+    """Names of the shipped recipes."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))

@@ -1,8 +1,7 @@
-"""One sample of a recipe, a pure function of the recipe and its index: its motion, its place before the radar, what moves beside.
+"""One sample of a recipe, as a pure function of the recipe and its index: its motion, its place before the radar, and interferers.
 
-- The motion is made, varied, cut or held to the length of the records, and judged by the filter.
-- Its place, that is distance, angle and offset, is drawn so that it has room in the scene.
-- Interferers are fans, curtains, pets and second persons, placed by chance.
+The motion is made, varied, cut or held to the length of the records, and judged by the filter. Its place (distance, angle and
+offset) is drawn such that there is room in the scene. Interferers are fans, curtains, pets and second persons at random places.
 """
 
 from __future__ import annotations
@@ -36,36 +35,36 @@ from t2d_rt.scene.things import outline
 from t2d_rt.types import Motion, Radar
 
 LASTING: frozenset[Activity] = frozenset({"walking", "abnormal_walking", "running", "dancing"})
-"""Classes that go on as long as they are asked to: their main action is made as long as a record."""
+"""Classes whose main action can last as long as asked for; it is made as long as a record."""
 STEP_S = 0.25
-"""Pieces of a motion that begin so far apart are compared."""
+"""Time between the starts of the pieces of a motion that are compared [s]."""
 MOVING_MPS = 0.08
-"""Mean speed of the joints above which a person moves; people who stand sway at 0.01 to 0.07 m/s."""
+"""Mean speed of the joints above which a person counts as moving [m/s]; people who stand sway at 0.01 to 0.07 m/s."""
 GOING: frozenset[str] = frozenset({"walk", "run", "dance", "jump", "turn", "climb"})
-"""Actions after which a person comes to stand: to freeze amid them would be none."""
+"""Actions after which a person comes to a stop: holding a pose in the middle of them would be no rest."""
 REACH_M = 2.0
-"""How far the pelvis may stray from its mean place; longer paths are bent to arcs."""
+"""Greatest distance of the pelvis from its mean position [m]; longer paths are bent to arcs."""
 RADII_M = 6.0, 4.5, 3.5, 2.8, 2.3, 1.9, 1.6, 1.3, 1.0
 """Radii of the arcs that are tried [m]."""
 MOST_LEAN_DEG = 25.0
-"""Greatest lean into a curve: that of 3 m/s round a circle of 2 m."""
+"""Greatest lean into a curve [deg]: that of 3 m/s on a circle of 2 m radius."""
 
 
 @dataclass(frozen=True, slots=True)
 class SampleMotion:
-    """A motion and how it came about."""
+    """The motion of a sample, and how it was made."""
 
     source: MotionText
     motion: Motion
-    """Cut or held, not placed."""
+    """The motion, cut or held to its length, not yet placed."""
     passed: bool
-    """Whether the filter takes it for one of its class."""
+    """Whether the filter accepts it as one of its class."""
     reasons: tuple[str, ...]
     attempts: int
     made_s: float
-    """Length of what was made, before it was cut or held [s]."""
+    """Duration of the motion as it was made, before it was cut or held [s]."""
     origin: tuple[str, ...] = field(default=())
-    """Sentence, person, clips and edits."""
+    """Sentence, person, clips and edits from which it was made."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -78,11 +77,11 @@ def descriptions(activity: Activity, count: int, seed: int) -> tuple[Description
 def sample_motion(
     recipe: Recipe, activity: Activity, description: int, number: int, conditions: tuple[Condition, ...] = ()
 ) -> SampleMotion:
-    """The motion of a number: the first one that passes the filter within the recipe's attempts, or the first that can be made and
-    can carry what these conditions have people carry.
+    """The motion of that number: the first one that passes the filter within the recipe's attempts. Else the first that can be made
+    and whose person can carry what these conditions ask for.
 
-    Motions that do not pass are kept, with the verdict in their record: to drop them would leave out just what the filter does not
-    know of. Raises T2DError where none of the attempts can be made.
+    Motions that do not pass are kept, with the verdict in their record: dropping them would leave out exactly what the filter does
+    not know. Raises T2DError where none of the attempts can be made.
     """
     described = descriptions(activity, recipe.descriptions_per_class, recipe.seed)[description]
     first: SampleMotion | None = None
@@ -93,7 +92,7 @@ def sample_motion(
             candidate = _fitted(source, recipe, number, activity, attempt + 1)
             for condition in conditions:
                 carry(candidate.motion, condition.carries)
-        except T2DError as error:  # of falls, some do not come to one
+        except T2DError as error:  # some falls of the physics simulation do not end
             failure = failure or error
             continue
         if candidate.passed:
@@ -108,7 +107,7 @@ def sample_motion(
 def _drawn(
     recipe: Recipe, activity: Activity, description: Description, number: int, attempt: int, side: Side | None
 ) -> MotionText:
-    """Person, gait and provider of one attempt."""
+    """Person, gait and provider for one attempt."""
     motion, person, gait, provider = (
         recipe.seeds(number, f"{purpose} {attempt}") for purpose in ("motion", "person", "gait", "provider")
     )
@@ -119,7 +118,7 @@ def _drawn(
     if subject is not None:
         factor = subject.gait_factor
         values |= {"body": subject.body, "stature_m": subject.stature_m, "person_seed": subject.seed}
-    elif provider_name in COMPOSED:  # others choose the person themselves
+    elif provider_name in COMPOSED:  # other providers choose the person themselves
         rng = np.random.default_rng(person)
         body = recipe.bodies[int(rng.integers(len(recipe.bodies)))]
         body, stature_m = drawn_person(description.subject, rng, body=None if body == OWN_BODY else body)
@@ -134,15 +133,15 @@ def _drawn(
 
 
 def _fitted(source: MotionText, recipe: Recipe, number: int, activity: Activity, attempts: int) -> SampleMotion:
-    """Cut or held to the length of a record, bent to an arc where its path is long, and judged.
+    """Cuts or holds a motion to the length of a record, bends it to an arc if its path is long, and judges it.
 
-    Of the pieces of a motion, which may end in rest, the first one is taken that the filter takes for one of the class, in the
-    order of `_starts`; where it takes none, the first.
+    Of the pieces of the motion, which may end in rest, the first one is used that the filter accepts as one of the class, in the
+    order of `_starts`; where it accepts none, the first.
     """
     rng = np.random.default_rng(recipe.seeds(number, "moving"))
     moving, side = float(rng.uniform(*recipe.moving_fractions)), float(rng.choice([-1.0, 1.0]))
     whole_motion, length_s = source.made(), recipe.duration_s
-    # A frame more than is needed: lengths are whole numbers of frames.
+    # one frame more than needed, as durations are whole numbers of frames
     rest_s = max(length_s - whole_motion.duration_s, (1.0 - moving) * length_s) + 1.0 / whole_motion.rate_hz
     source = source.model_copy(update={"hold_s": round(rest_s, 6)})
     first: MotionText | None = None
@@ -163,14 +162,14 @@ def _cut(source: MotionText, reasons: tuple[str, ...], attempts: int, whole_moti
 
 
 def moves(motion: Motion) -> np.ndarray:
-    """Whether the person moves in each interval between frames, (T - 1,)."""
+    """Whether the person moves in each interval between frames, bool (T - 1,)."""
     steps = np.linalg.norm(np.diff(motion.joints, axis=0), axis=-1)
     return np.asarray(steps.mean(axis=1) * motion.rate_hz > MOVING_MPS)
 
 
 def _starts(motion: Motion, length_s: float, moving: float) -> list[float]:
-    """First instants of the pieces of a motion [s]: those first in which the person moves for about that fraction of the time, to a
-    twentieth; of these the liveliest, of the greatest sum of squared joint steps."""
+    """Start times of the pieces of a motion [s]: first those in which the person moves for about the fraction `moving` of the time,
+    to a twentieth; among these the liveliest first, which has the greatest sum of squared joint steps."""
     squares = np.sum(np.diff(motion.joints, axis=0) ** 2, axis=(1, 2))
     energy_sum, moving_sum = (np.concatenate([[0.0], np.cumsum(values)]) for values in (squares, moves(motion)))
     starts = np.arange(0.0, motion.duration_s - length_s + 1e-9, STEP_S)
@@ -182,10 +181,11 @@ def _starts(motion: Motion, length_s: float, moving: float) -> list[float]:
 
 
 def arc_radius_m(motion: Motion, side: float) -> float:
-    """Radius of the arc, to the left where positive, by which the pelvis stays within `REACH_M` of its mean place; 0 where it does.
+    """Radius of the arc that keeps the pelvis within `REACH_M` of its mean position, to the left if positive; 0 if the path needs
+    no bending.
 
-    The widest of `RADII_M` that does, to the `side` (1 or -1) if possible; where none does, that by which it strays least. None is
-    so narrow that the person would have to lean in by more than `MOST_LEAN_DEG`.
+    It is the widest of `RADII_M` that does so, to the `side` (1 or -1) if possible; where none does, the one with the least
+    excursion. No arc is so narrow that the person would have to lean in by more than `MOST_LEAN_DEG`.
     """
     steps = np.diff(motion.joints[:, 0, :2], axis=0) @ [1.0, 1.0j]
     length = np.cumsum(np.abs(steps))
@@ -203,7 +203,7 @@ def arc_radius_m(motion: Motion, side: float) -> float:
 
 
 def provenance(cut: SampleMotion) -> Mapping[str, object]:
-    """What a record tells of it."""
+    """Fields of a sample's record about its motion."""
     return {
         "passed": cut.passed,
         "reasons": list(cut.reasons),
@@ -218,38 +218,38 @@ def provenance(cut: SampleMotion) -> Mapping[str, object]:
 
 
 TRIES = 60
-"""Places that are drawn in a room."""
+"""Number of places that are tried in a room."""
 CLEARANCE_M = 0.15
-"""Least distance of a joint to a wall or to furniture: about half the depth of a body. Things carried need none."""
+"""Least distance of a joint from a wall or from furniture [m]: about half the depth of a body. Carried things need none."""
 NEAREST_M = 0.8
-"""Least horizontal distance of a joint to the radar."""
+"""Least horizontal distance of a joint from the radar [m]."""
 LOW_M = 0.12
-"""Things that are lower can be stepped over."""
+"""Height of things that can be stepped over [m]."""
 WIDTH_M = 1.5
-"""Greatest offset of the middle of a path from the boresight's line in a room."""
+"""Greatest offset of the middle of a path from the line of the boresight, in a room [m]."""
 STATIC_MPS = 0.05
-"""Radial speed up to which somebody neither comes nor goes."""
+"""Radial speed up to which a person counts as neither approaching nor receding [m/s]."""
 RANGE_ERROR_M = 0.002
-"""How far the mean range may be from what was drawn, with what it overlaps."""
+"""Greatest deviation of the mean range from the one drawn that counts as none, in comparing overlaps [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where a motion is seen."""
+    """Where a motion takes place relative to the radar."""
 
     range_m: float
     """Mean range of the pelvis [m]."""
     approaching: float
-    """Fraction of the time in which its range changes by more than `STATIC_MPS` in which it shrinks; 0.5 where it never does."""
+    """Fraction of approaching in the time during which the range changes by more than `STATIC_MPS`; 0.5 where it never does."""
     nearer_m: float
-    """By how much nearer it is at the end [m]; negative where it has gone away."""
+    """How much nearer the pelvis is at the end than at the beginning [m]; negative if it is farther away."""
     angle_deg: float
     distance_m: float
     aside_m: float
     height_m: float
-    """Height of the radar [m]; distance, angle and offset are those of the motion's start."""
+    """Height of the radar [m]; distance, angle and offset are those of the start of the motion."""
     overlap_m: float
-    """How far the motion goes into walls, furniture or the surroundings of the radar at most."""
+    """Greatest overlap of the motion with walls, furniture or the surroundings of the radar [m]."""
 
 
 def placing(
@@ -260,16 +260,16 @@ def placing(
     side: Side | None = None,
     loaded: Sequence[Motion] = (),
 ) -> Place:
-    """The place of a motion's number: of those drawn, the first with room for the motion and for `loaded`, the same motion with
-    what the person carries under each condition; or, where none has room, the one where least room is lacking.
+    """The place for a motion's number: the first drawn one with room for the motion and for `loaded`, which is the same motion with
+    what the person carries under each condition. Where none has room, the one that lacks least.
 
-    What is drawn is the mean range of the person, not that of the start, and it stays for the first half of the tries: so classes
-    that travel have the ranges of those that do not, and come as often as they go.
+    The mean range of the person is drawn, not that of the start, and it is kept for the first half of the tries: so classes that
+    travel have the same ranges as those that do not, and approach as often as they recede.
     """
     rng = np.random.default_rng(recipe.seeds(number, "view"))
     height_m = round(float(rng.uniform(*recipe.heights_m)), 4)
     range_m = float(rng.uniform(*recipe.distances_m))
-    # 10 poses a second tell where a body goes.
+    # 10 poses a second are enough to find where a body goes
     stride = max(1, round(motion.rate_hz / 10.0))
     spans = (recipe.angles_deg,) if side is None else side.angles_deg
     tracks = [tracked for person in (motion, *loaded) for tracked in _tracks(person, stride)]
@@ -280,7 +280,7 @@ def placing(
         if attempt >= TRIES // 2:
             range_m = float(rng.uniform(*recipe.distances_m))
         angle_deg = round(_angle_deg(rng, spans), 3)
-        # The middle of the path lies on the boresight, or so far beside: were it the start, more would go than come.
+        # The middle of the path, not its start, lies beside the boresight; else more motions would recede than approach.
         middle_m = 0.0 if scene == "free_space" else float(rng.uniform(-WIDTH_M, WIDTH_M))
         pelvis = _moved(track[:, :1], 0.0, angle_deg, 0.0)[:, 0] - [0.0, 0.0, height_m]
         aside_m = round(middle_m - float(pelvis[:, 1].mean()), 4)
@@ -314,8 +314,8 @@ def placing(
 
 
 def _tracks(motion: Motion, stride: int) -> list[tuple[np.ndarray, float]]:
-    """Joints of a motion, and points of the things that it carries, at every so many frames, (T, P, 3) where it starts 1 m ahead at
-    angle 0; each with how far it keeps away from what stands there [m]."""
+    """For a motion that starts 1 m ahead at angle 0: positions (T, P, 3) of its joints, and of points of each carried thing, at
+    every `stride`-th frame; each with the clearance that it needs [m]."""
     base = place(motion, distance_m=1.0, radar_position_m=(0.0, 0.0, 1.0))
     times_s = base.times_s[::stride]
     carried = [(thing.at(times_s)[:, outline(thing.rest)], 0.0) for thing in things(base)]
@@ -323,7 +323,7 @@ def _tracks(motion: Motion, stride: int) -> list[tuple[np.ndarray, float]]:
 
 
 def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -> float:
-    """An angle drawn evenly from ranges [deg]."""
+    """An angle drawn uniformly from ranges [deg]."""
     offset_deg = float(rng.uniform(0.0, sum(high - low for low, high in spans)))
     for low, high in spans:
         if offset_deg <= high - low:
@@ -333,16 +333,16 @@ def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -
 
 
 def _start_m(pelvis: np.ndarray, range_m: float) -> float:
-    """Distance of the start at which the mean range of a track (T, 3), from the radar were the start beside it, is `range_m`; the
-    nearest where there is none, but 0.3 m at least."""
+    """Distance of the start at which the mean range of a track (T, 3) of the pelvis is `range_m`, where the track is given relative
+    to a radar at its start; the nearest possible distance, at least 0.3 m."""
     start_m = range_m
-    for _ in range(20):  # the mean grows by nearly as much as the distance
+    for _ in range(20):  # the mean range grows by nearly as much as the distance
         start_m = max(0.3, start_m + range_m - float(np.linalg.norm(pelvis + [start_m, 0.0, 0.0], axis=-1).mean()))
     return start_m
 
 
 def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: float) -> np.ndarray:
-    """A track (T, J, 3) that starts 1 m ahead at angle 0, as `place` and `aside` put it elsewhere."""
+    """A track (T, J, 3) that starts 1 m ahead at angle 0, moved to where `place` and `aside` would put it."""
     angle = math.radians(angle_deg)
     cos, sin = math.cos(angle), math.sin(angle)
     local = track - np.array([1.0, 0.0, 0.0])
@@ -352,16 +352,16 @@ def _moved(track: np.ndarray, distance_m: float, angle_deg: float, aside_m: floa
 
 
 BODY_M = 0.5
-"""How far from its joints a body and its cells reach: hands, head and belly, and two range bins by the window."""
+"""How far a body extends beyond its joints in the range cells [m]: hands, head and belly, and two range bins for the window."""
 NEAREST_GATE_M = 0.3
-"""Nearer cells hold the receiver's offset and leakage."""
+"""Nearest range of a gate [m]; nearer cells hold the receiver's offset and leakage."""
 
 
 def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
     """Nearest and farthest range of the spectrogram's cells [m]; None for all.
 
-    By the scene they are the room's depth, that is the range of its farthest corner, or in free space all ranges that persons of
-    the recipe reach: were they those of the one person, the level of the noise would tell how far somebody goes.
+    The gate depends on the scene only: up to the farthest corner of the room, or in free space all ranges that persons of the
+    recipe reach. A gate for each person would let the noise level reveal how far the person goes.
     """
     spectrogram = recipe.products.spectrogram
     gate_m = None if spectrogram is None else spectrogram.range_gate_m
@@ -376,7 +376,8 @@ def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
 
 
 def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.ndarray, clearance_m: float) -> float:
-    """How far (T, J, 3) goes at most beyond the walls, into boxes (B, 2, 3), with a margin, or to within reach of the radar [m]."""
+    """Greatest overlap of points (T, J, 3) with the walls, with boxes (B, 2, 3) and a margin, and with the surroundings of the
+    radar [m]."""
     wall_overlap_m = np.maximum(low + clearance_m - track, track - high + clearance_m)[..., :2].max()
     radar_overlap_m = NEAREST_M - np.linalg.norm(track[..., :2], axis=-1).min()
     overlap_m = max(0.0, float(wall_overlap_m), float(radar_overlap_m))
@@ -389,34 +390,34 @@ def _overlap(track: np.ndarray, low: np.ndarray, high: np.ndarray, boxes: np.nda
 
 @functools.lru_cache(maxsize=32)
 def scene_extent(scene: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least and greatest corner (3,) of a scene, and the boxes (B, 2, 3) of its furniture [m]; none in free space."""
+    """Least and greatest corner (3,) of a scene [m], and the boxes (B, 2, 3) of its furniture [m]; none in free space."""
     if scene == "free_space":
         return np.full(3, -np.inf), np.full(3, np.inf), np.zeros((0, 2, 3))
     surfaces = load_scene(scene).surfaces
     corners = np.array([(surface.vertices.min(axis=0), surface.vertices.max(axis=0)) for surface in surfaces])
     low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
-    # The boxes are those of the walls' axes: furniture that stands askew takes more room here than it does.
-    # A wall, a door or a window is flat and lies in the shell of the room; all that stands within it is furniture.
+    # Boxes are along the walls' axes: furniture that stands at an angle takes up more room here than in fact.
+    # Walls, doors and windows are flat and part of the room's shell; everything inside the shell is furniture.
     shell = np.any((corners[:, 1] <= low + 0.05) | (corners[:, 0] >= high - 0.05), axis=1)
     stands = ~shell & (corners[:, 1, 2] > LOW_M)
     return low, high, corners[stands]
 
 
 WALKS = 20
-"""Descriptions of walks that a second person may follow."""
+"""Number of descriptions of walks for second persons."""
 
 RESERVED_SEED = 1 << 40
-"""Added to a recipe's seed for the descriptions that no sample of a class has."""
+"""Added to a recipe's seed for descriptions that no labelled sample has."""
 
 CIRCLE_RADIUS_M = {"dog": 1.0, "cat": 0.6}
-"""Radius of the circles that pets walk in."""
+"""Radius of the circles on which pets walk [m]."""
 
 
 @functools.lru_cache(maxsize=4)
 def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
-    """Descriptions of walks for second persons, of sentences that no sample of the recipe is labelled with.
+    """Descriptions of walks for second persons, with sentences that no sample of the recipe is labelled with.
 
-    They are on all sides of every split, and no class can be told by them.
+    They occur on all sides of every split, so no class can be recognised by them.
     """
     used_sentences = {
         description.sentence
@@ -433,12 +434,13 @@ def reserved_walks(recipe: Recipe) -> tuple[Description, ...]:
 
 
 def _between(rng: np.random.Generator, low: float, high: float) -> float:
-    """A length or an angle, to a thousandth."""
+    """A random length or angle, rounded to a thousandth."""
     return round(float(rng.uniform(low, high)), 3)
 
 
 def interferer(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionText | None:
-    """What moves beside the person of a motion's number, in the world of a radar at (0, 0) m that looks along +x."""
+    """The mover or second person beside the person of a motion's number, in the world of a radar at (0, 0) m that looks along +x;
+    None where the condition has none."""
     rng = np.random.default_rng(recipe.seeds(number, f"beside {beside}"))
     side = float(rng.choice([-1.0, 1.0]))
     between = functools.partial(_between, rng)
@@ -479,16 +481,16 @@ def interferer(beside: Beside, recipe: Recipe, number: int) -> Mover | MotionTex
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """Where a sample stands in the recipe."""
+    """Position of a sample in the recipe."""
 
     index: int
     activity: Activity
     description: int
-    """Number of the description among those of the class."""
+    """Index of the description among those of the class."""
     repetition: int
-    """Number of the motion among those of the description."""
+    """Index of the motion among those of the description."""
     number: int
-    """Number of the motion in the recipe; all that is drawn for the motion is seeded by it."""
+    """Index of the motion in the recipe; it seeds everything that is drawn for the motion."""
     condition: Condition
 
 
@@ -499,19 +501,19 @@ class Sample:
     cell: Cell
     description: Description
     subject: int | None
-    """Number of the subject among those of the recipe; None where there are none."""
+    """Index of the subject among those of the recipe; None where there are none."""
     cut: SampleMotion
     place: Place
     experiment: Experiment
     measured: bool
-    """Whether its field error is measured."""
+    """Whether the field error of the sample is measured."""
 
 
 def cell_of(recipe: Recipe, index: int) -> Cell:
-    """The cell of an index.
+    """The cell of a sample's index.
 
-    Classes change fastest, then conditions where each motion is recorded under all of them, then descriptions, then repetitions:
-    the first so many samples are balanced over the classes, and hold as many descriptions as they can.
+    Classes alternate fastest, then conditions if each motion is recorded under all of them, then descriptions, then repetitions: so
+    the first samples are balanced over the classes and have as many descriptions as possible.
     """
     index = integer("the index of a sample", index, 0, recipe.samples - 1)
     rest, class_number = divmod(index, len(recipe.classes))
@@ -537,22 +539,22 @@ def cell_of(recipe: Recipe, index: int) -> Cell:
 
 
 def description_of(recipe: Recipe, cell: Cell) -> Description:
-    """What the person of a cell does."""
+    """Description of what the person of a cell does."""
     return descriptions(cell.activity, recipe.descriptions_per_class, recipe.seed)[cell.description]
 
 
 def sample(recipe: Recipe, index: int) -> Sample:
-    """A sample by its index; its motion is made on the way, to know how long it is and where it has room.
+    """A sample by its index. Its motion is made in the process, because its length and the room that it needs must be known.
 
-    Each thing that is drawn has a stream of its own, seeded by the recipe's hash, a number and a word. So a sample is the same
-    whichever others are made, and the conditions of one motion differ in nothing but the condition.
-    Raises InputError for an index beyond the recipe, and T2DError where no motion of the description can be made.
+    Each thing that is drawn has its own random stream, seeded by the recipe's hash, a number and a word. So a sample does not
+    depend on which others are made, and the conditions of one motion differ in nothing but the condition. Raises InputError for an
+    index beyond the recipe, and T2DError where no motion of the description can be made.
     """
     cell = cell_of(recipe, index)
     recorded = recipe.conditions if recipe.each_condition else (cell.condition,)
     cut = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
     condition, side = cell.condition, recipe.side_at(cell.description)
-    # One place for all conditions of a motion: there is room for what is carried in each of them.
+    # one place for all conditions of a motion, with room for the things carried in each of them
     loaded = [carry(cut.motion, each.carries) for each in recorded if each.carries]
     place = placing(recipe, cell.number, condition.scene, cut.motion, side, loaded)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)

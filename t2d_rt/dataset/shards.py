@@ -1,7 +1,7 @@
-"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` a record for each sample; none is half written.
+"""Shards on disk: `shards/00000.npz` holds arrays, `shards/00000.jsonl` a record for each sample; neither is ever half written.
 
-They are read without unpickling anything. A data set may come from anybody: a class becomes the name of a folder, an axis a scale,
-a shape memory. So each record and array that is read is checked against what the recipe tells of it.
+They are read without unpickling. A data set may come from anybody, and its content decides on names of folders, scales and memory:
+so each record and array that is read is checked against the recipe.
 """
 
 from __future__ import annotations
@@ -31,40 +31,40 @@ from t2d_rt.dataset.recipe import Recipe, recipe_names, written_hash
 
 SHARDS = "shards"
 SPOOL = "spool"
-"""Folder of the finished samples of shards that are not finished, each a shard of one: INDEX.npz and INDEX.jsonl."""
+"""Folder of finished samples whose shards are not complete, each stored like a shard of one: INDEX.npz and INDEX.jsonl."""
 PART = ".part"
-"""Ending of what is not yet written to its end."""
+"""Ending of files that are still being written."""
 BLOCK = 2**20
-"""Bytes that are read at once of a file that is only compared."""
+"""Number of bytes that are read at once from a file that is only compared."""
 TIME = 1980, 1, 1, 0, 0, 0
-"""Date of the files in an archive, so that the same arrays are the same bytes whenever they are written."""
+"""Date of the files in an archive; a constant, so that the same arrays give the same bytes."""
 RAGGED = frozenset({"points", "adc", "truth"})
-"""Products whose arrays differ in size from sample to sample: each has an array of its own."""
+"""Products whose arrays differ in size from sample to sample, so that they are stored separately."""
 
 
 @dataclass(frozen=True, slots=True)
 class MadeSample:
-    """A sample that was made, or failed."""
+    """A sample that was made or has failed."""
 
     record: dict[str, Any]
     arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
     seconds: Mapping[str, float] = field(default_factory=dict)
-    """Time of each stage, and in all that of the processor, `cpu`."""
+    """Time of each stage [s], and the processor time of all, `cpu`."""
     machine: str = ""
-    """The processor and the kernels that it was made with; "" of one that was read."""
+    """Processor and kernels with which it was made; "" for one that was read."""
     common: bool = True
-    """Whether these are the kernels that all machines have."""
+    """Whether these are the kernels common to all machines."""
 
 
 def shard_name(number: int) -> str:
-    """Name of a shard's files without their ending."""
+    """Name of a shard's files, without their ending."""
     return f"{number:05d}"
 
 
 def packed(made: Sequence[MadeSample]) -> tuple[bytes, bytes]:
-    """Content of the archive and of the records of a shard.
+    """Content of the archive, and of the records, of a shard.
 
-    Samples that failed have a record and no arrays; `row` tells where the others stand in the arrays that are stacked.
+    Samples that failed have a record but no arrays; `row` is the position of the others in the stacked arrays.
     """
     arrays: dict[str, np.ndarray] = {}
     finished = [sample for sample in made if sample.arrays]
@@ -80,7 +80,7 @@ def packed(made: Sequence[MadeSample]) -> tuple[bytes, bytes]:
 
 
 def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Arrays as an .npz file that is the same for the same arrays; `numpy.savez` writes the time of day into it."""
+    """Arrays as an .npz file whose bytes depend on the arrays only; `numpy.savez` would include the time of day."""
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w") as file:
         for name, array in sorted(arrays.items()):
@@ -93,10 +93,11 @@ def archive(arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def write_shard(folder: Path, number: int, made: Sequence[MadeSample]) -> dict[str, str]:
-    """Writes a shard and gives the SHA-256 of its files by their names; the records come last, and a shard without them is none.
+    """Writes a shard and returns the SHA-256 of its files by name. The records are written last; without them a shard does not
+    count.
 
-    Records of a smaller shard that it replaces go first: a process that is killed between the two files leaves no shard, not half
-    of each.
+    The records of a smaller shard that is replaced are removed first: so a process that is killed between the two files leaves no
+    shard, and not a mixture.
     """
     data, records = packed(made)
     name = shard_name(number)
@@ -107,7 +108,7 @@ def write_shard(folder: Path, number: int, made: Sequence[MadeSample]) -> dict[s
 
 
 def write_spooled(folder: Path, made: MadeSample) -> None:
-    """Keeps a finished sample of a shard that is not finished, as a shard of one; the record comes last, as there."""
+    """Stores a finished sample of an incomplete shard like a shard of one; its record is written last, too."""
     place, name = folder / SPOOL, str(made.record["index"])
     try:
         place.mkdir(exist_ok=True)
@@ -120,16 +121,16 @@ def write_spooled(folder: Path, made: MadeSample) -> None:
 
 
 def remove_spooled(folder: Path, indices: Iterable[int]) -> None:
-    """Takes away samples that are in their shard."""
+    """Removes stored samples that are now in their shard."""
     for index in indices:
         for ending in (".jsonl", ".npz"):
             (folder / SPOOL / f"{index}{ending}").unlink(missing_ok=True)
-    with contextlib.suppress(OSError):  # others are still there, or none was
+    with contextlib.suppress(OSError):  # the folder still holds others, or does not exist
         (folder / SPOOL).rmdir()
 
 
 def unwritten(path: Path, error: OSError) -> InputError:
-    """What to say of a file that cannot be written."""
+    """The error for a file that cannot be written."""
     return InputError(
         f"cannot write {path}: {error.strerror or error}; free space or choose a writable place, and run it again: what is "
         "finished stays"
@@ -137,7 +138,7 @@ def unwritten(path: Path, error: OSError) -> InputError:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Writes a file that stands at its place whole or not at all, even if the machine stops."""
+    """Writes a file completely or not at all, even if the machine stops."""
     try:
         descriptor, part = tempfile.mkstemp(prefix=f".{path.name}-", suffix=PART, dir=path.parent)
         try:
@@ -156,8 +157,8 @@ def write_whole(path: Path, data: bytes) -> None:
 
 
 def _sync(folder: Path) -> None:
-    """Writes a folder's entries to disk: a file that was renamed is in its place after a power cut only then."""
-    with contextlib.suppress(OSError):  # a file system that syncs no folders
+    """Flushes a folder's entries to disk; only then does a renamed file survive a power cut."""
+    with contextlib.suppress(OSError):  # a file system that cannot flush folders
         place = os.open(folder, os.O_RDONLY)
         try:
             os.fsync(place)
@@ -166,7 +167,7 @@ def _sync(folder: Path) -> None:
 
 
 def sweep(folder: Path) -> None:
-    """Removes what killed processes left half written, or half taken away: arrays in the spool without their record."""
+    """Removes what killed processes left: files that are half written, and arrays of single samples without their record."""
     halves = [path for place in (folder, folder / SHARDS, folder / SPOOL) for path in place.glob(f".*{PART}")]
     halves += [path for path in (folder / SPOOL).glob("*.npz") if not path.with_suffix(".jsonl").exists()]
     for path in halves:
@@ -179,7 +180,7 @@ def sha256(data: bytes) -> str:
 
 
 def file_sha256(path: Path) -> str:
-    """Checksum of a file, which is read block by block: one of ADC samples may have gigabytes."""
+    """Checksum of a file, which is read block by block, as one with ADC samples may have gigabytes."""
     digest = hashlib.sha256()
     with regular_file(path, noun="shard") as file:
         while block := file.read(BLOCK):
@@ -193,29 +194,29 @@ def numbers(folder: Path) -> Iterator[int]:
 
 
 def damaged(path: Path, why: object) -> InputError:
-    """What to say of a shard that cannot be used."""
+    """The error for a shard that cannot be used."""
     return InputError(
         f"{path} is damaged ({why}); remove {path.stem}.npz and {path.stem}.jsonl and run the recipe again, which makes them anew"
     )
 
 
 Sizes = tuple[int | None, ...]
-"""Shape that an array must have; None is a length that may differ."""
+"""Expected shape of an array; None is a length that may vary."""
 
 MAPS = {"spectrogram": ("velocity_mps", "time_s"), "range_doppler": ("velocity_mps", "range_m")}
-"""Axes of maps, of which records tell the ends."""
+"""Axes of maps; records contain the ends of these axes."""
 BEYOND = 1e-3
-"""By how much the sum of the parts in a cell may lie beyond 0..1, powers over that of the greatest cell."""
+"""Tolerance by which the sum of the parts in a cell, as power relative to the greatest cell, may lie outside of 0..1."""
 APART = 1e-6
-"""By how much that sum may differ from what the spectrogram has there, relative to the greatest cell, beside the map's rounding."""
+"""Tolerance between that sum and the spectrogram's cell, relative to the greatest cell, in addition to the rounding of the map."""
 LARGEST_BYTES = 4e9
-"""Largest array that is unpacked: packed it may have a thousandth of that, and a stranger's file may ask for any memory."""
+"""Greatest size of an array that is unpacked [bytes]; its compressed form may be a thousand times smaller."""
 LEAST_ABOVE_DB = 1e-3
-"""Rounding of the greatest cell, which is at 0 dB."""
+"""Tolerance for the greatest cell of a map, which must be at 0 dB."""
 
 
 def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
-    """The record in a line of JSON; an InputError that names what is not as its recipe has it."""
+    """The record in a line of JSON; raises an InputError that names what does not fit the recipe."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -250,7 +251,7 @@ def read_record(recipe: Recipe, line: str | bytes) -> dict[str, Any]:
 
 
 def _check_numbers(record: Mapping[str, Any]) -> None:
-    """What the record of a sample that did not fail tells beside its place and its products."""
+    """Checks the figures in the record of a sample that did not fail, except its position and products."""
     integer("seed", record.get("seed"))
     flag("passed", record.get("passed"))
     for name in ("provider", "body"):
@@ -271,7 +272,7 @@ def _check_numbers(record: Mapping[str, Any]) -> None:
 
 
 def _check_text(record: Mapping[str, Any], name: str, *allowed: str) -> None:
-    """Refuses what is no text, or none of those that the recipe allows."""
+    """Refuses a value that is no text, or not one of those that the recipe allows."""
     value = text(name, record.get(name))
     if allowed and value not in allowed:
         raise InputError(f"{name} must be {' or '.join(allowed)}, got {shown(value)}")
@@ -283,7 +284,7 @@ def _check_texts(name: str, value: Any) -> None:
 
 
 def _check_product(recipe: Recipe, name: str, entry: Mapping[str, Any]) -> None:
-    """Ends of axes and scales."""
+    """Checks the ends of a product's axes, and its scales."""
     for axis in MAPS.get(name, ()):
         first, last = interval(f"{axis} of {name}", entry.get(axis))
         if not -1e6 < first < last < 1e6:
@@ -295,7 +296,7 @@ def _check_product(recipe: Recipe, name: str, entry: Mapping[str, Any]) -> None:
 
 
 def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.dtype[Any], Sizes]:
-    """Type and shape of a sample's array, as they follow from the recipe and its condition; None is a length that may differ."""
+    """Type and shape of a sample's array, as they follow from the recipe and the condition; None is a length that may vary."""
     definition = recipe.products.kept[name]
     if name == "points":
         return np.dtype(np.float32), (None, len(POINT_COLUMNS))
@@ -312,7 +313,7 @@ def array_of(recipe: Recipe, record: Mapping[str, Any], name: str) -> tuple[np.d
 
 
 def check_array(array: np.ndarray, dtype: np.dtype[Any], shape: Sizes, name: str) -> None:
-    """Refuses an array of another type or shape, and values that no sample has."""
+    """Refuses an array of another type or shape, or with values that no sample can have."""
     _check_kind(array.dtype, array.shape, dtype, shape, name)
     if not np.isfinite(array).all():
         raise InputError(f"{name} has NaN or infinite values")
@@ -335,7 +336,7 @@ def _check_kind(actual: np.dtype[Any], sizes: tuple[int, ...], dtype: np.dtype[A
 
 
 def read_array(path: Path, member: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
-    """An array of an .npz file; type and shape are known, and compared before anything is made of it."""
+    """Reads an array from an .npz file; its header is compared with the known type and shape before any memory is allocated."""
     with (
         regular_file(path, noun="shard") as file,
         zipfile.ZipFile(file) as zip_file,
@@ -356,19 +357,19 @@ RECIPE, PLANS, MANIFEST = "recipe.yaml", "plans.json", "manifest.json"
 UNITS = {"velocity_mps": "m/s", "time_s": "s", "range_m": "m"}
 """Units of the axes of maps."""
 FILE = re.compile(r"[0-9]{5,9}\.(npz|jsonl)")
-"""Names of a shard's files."""
+"""Pattern for the names of a shard's files."""
 MOST_BYTES = 500_000_000
-"""Largest manifest, and largest file of records, that is read."""
+"""Greatest size of a manifest, or a file of records, that is read [bytes]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """One shard: its records, and its arrays by product, both as the recipe has them."""
+    """One shard: its records, and its arrays by product, both checked against the recipe."""
 
     path: Path
-    """File of the arrays; that of the records has the same name and ends in .jsonl."""
+    """File of the arrays; that of the records has the same name with the ending .jsonl."""
     records: tuple[dict[str, Any], ...]
-    """One for each sample, those that failed among them."""
+    """A record for each sample, including those that failed."""
     recipe: Recipe
 
     @property
@@ -378,7 +379,7 @@ class Shard:
 
     @classmethod
     def of(cls, folder: Path, number: int, recipe: Recipe) -> Shard:
-        """A shard of a folder by its number."""
+        """A shard of a folder, by its number."""
         path = folder / SHARDS / f"{shard_name(number)}.jsonl"
         try:
             lines = read_bytes(path, limit=MOST_BYTES, noun="file of records").splitlines()
@@ -392,7 +393,7 @@ class Shard:
         return shard
 
     def rows(self, name: str) -> np.ndarray:
-        """The array of a product of one size, (samples that did not fail, ...), or of their indices by the name `index`."""
+        """The stacked array of a product of fixed size, (samples that did not fail, ...); or their indices, by the name `index`."""
         finished = self.good
         if name == "index" or not finished:
             dtype, shape = np.dtype(np.int64), tuple[int | None, ...]()
@@ -401,20 +402,20 @@ class Shard:
         return self._read(name, name, dtype, (len(finished), *shape))
 
     def array(self, record: Mapping[str, Any], name: str) -> np.ndarray:
-        """The array of one sample of a product whose size differs."""
+        """The array of one sample, for a product of varying size."""
         return self._read(f"{name}_{record['index']}", name, *array_of(self.recipe, record, name))
 
     def _read(self, member: str, name: str, dtype: np.dtype[Any], shape: Sizes) -> np.ndarray:
-        """An array of the archive, checked; whatever is wrong with it is told as damage of this shard."""
+        """An array of the archive, checked; any fault is reported as damage of this shard."""
         try:
             array = read_array(self.path, member, dtype, shape)
             check_array(array, dtype, shape, name)
-        except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+        except Exception as error:  # NumPy and zipfile may raise anything for a damaged file
             raise damaged(self.path, error) from None
         return array
 
     def samples(self) -> Iterator[tuple[dict[str, Any], dict[str, np.ndarray]]]:
-        """Record and arrays by product of each sample that did not fail."""
+        """Record and arrays by product, for each sample that did not fail."""
         names = self.recipe.products.kept if self.good else ()
         stacked = {name: self.rows(name) for name in names if name not in RAGGED}
         for record in self.good:
@@ -423,7 +424,7 @@ class Shard:
 
 
 def spooled(folder: Path, recipe: Recipe) -> Iterator[MadeSample]:
-    """Finished samples of shards that are not finished; one that is damaged, or of another recipe, is made anew."""
+    """Finished samples of incomplete shards; one that is damaged, or of another recipe, is left out and made again."""
     for path in (folder / SPOOL).glob("*.jsonl"):
         with suppress(InputError):
             record = read_record(recipe, read_bytes(path, limit=MOST_BYTES, noun="record").strip())
@@ -434,7 +435,7 @@ def spooled(folder: Path, recipe: Recipe) -> Iterator[MadeSample]:
 
 
 def read_shards(path: str | Path) -> Iterator[Shard]:
-    """The shards of a data set's folder in order."""
+    """The shards of a data set's folder, in order."""
     folder = dataset_folder(path)
     recipe = recipe_of(folder)
     for shard_number in numbers(folder):
@@ -442,7 +443,7 @@ def read_shards(path: str | Path) -> Iterator[Shard]:
 
 
 def dataset_folder(path: str | Path) -> Path:
-    """The folder of a data set."""
+    """The checked folder of a data set."""
     folder = file_path("the folder of a data set", path)
     if not (folder / RECIPE).is_file():
         raise InputError(f"{folder} is no data set: it holds no {RECIPE}; give the folder that t2d-rt dataset wrote")
@@ -450,10 +451,10 @@ def dataset_folder(path: str | Path) -> Path:
 
 
 def recipe_of(folder: Path) -> Recipe:
-    """The recipe of a data set's folder, with the hash that its samples were made of.
+    """The recipe in a data set's folder, with the hash that seeded its samples.
 
-    One that an older version wrote lacks keys of today, and its hash is that of what it has. What it lacks gets today's defaults,
-    from which no sample that is there follows; to go on making samples of it is refused, as another recipe.
+    A recipe that an older version wrote lacks newer fields, and its hash is over the fields that it has. Missing fields get today's
+    defaults, on which no existing sample depends; adding further samples is refused, as for another recipe.
     """
     recipe = Recipe.read(folder / RECIPE)
     recipe_hash = read_manifest(folder).get("recipe_hash")
@@ -463,7 +464,7 @@ def recipe_of(folder: Path) -> Recipe:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """The manifest; an empty one where there is none yet."""
+    """The manifest of a folder; empty where there is none yet."""
     path = folder / MANIFEST
     if not path.exists():
         return {}
@@ -482,7 +483,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
 
 
 def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
-    """What is wrong with the shards of a folder, a sentence each."""
+    """Faults of the shards in a folder, a sentence each."""
     files = read_manifest(folder).get("files", {})
     present = {f"{shard_name(shard_number)}.{kind}" for shard_number in numbers(folder) for kind in ("npz", "jsonl")}
     for name in sorted(present | files.keys()):
@@ -501,7 +502,7 @@ def faults(folder: Path, recipe: Recipe) -> Iterator[str]:
 
 
 def _check_parts(shard: Shard, index: int, arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuses parts of a sample that do not add up to its map, as far as that is known."""
+    """Refuses parts of a sample that do not add up to its map, as far as the stored ones allow the check."""
     spectrogram = shard.recipe.products.spectrogram
     if "parts" not in arrays or spectrogram is None:
         return
@@ -514,7 +515,7 @@ def _check_parts(shard: Shard, index: int, arrays: Mapping[str, np.ndarray]) -> 
 
 
 def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[str]:
-    """What is wrong with one shard beside its checksums."""
+    """Faults of one shard, apart from its checksums."""
     try:
         shard = Shard.of(folder, shard_number, recipe)
         indices = shard.rows("index").tolist()
@@ -528,9 +529,10 @@ def shard_faults(folder: Path, shard_number: int, recipe: Recipe) -> Iterator[st
 
 
 def content_hash(folder: Path, recipe: Recipe, count: int) -> tuple[str, int]:
-    """SHA-256 of records and arrays of the first so many samples, whatever shards and archives hold them; and how many there are.
+    """SHA-256 over the records and arrays of the first `count` samples, whatever shards and archives hold them; and how many there
+    are.
 
-    Of each sample: its record as JSON without its row, then name, type, shape and bytes of each array by name.
+    For each sample: its record as JSON without its row, then name, type, shape and bytes of each array by name.
     """
     digest, samples = hashlib.sha256(), 0
     for shard_number in numbers(folder):
@@ -549,7 +551,7 @@ def content_hash(folder: Path, recipe: Recipe, count: int) -> tuple[str, int]:
 
 
 def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
-    """Where the first samples are not those that are frozen, a sentence each; a recipe that ships says which these are."""
+    """Differences between the first samples and those that a shipped recipe declares frozen, a sentence each."""
     shipped = Recipe.read(recipe.name) if recipe.name in recipe_names() else recipe
     for count, frozen_hash in shipped.frozen if shipped.hash == recipe.hash else recipe.frozen:
         actual_hash, samples = content_hash(folder, recipe, count)
@@ -563,7 +565,7 @@ def frozen_differences(folder: Path, recipe: Recipe) -> Iterator[str]:
 
 
 def mixed_kernels(folder: Path) -> str | None:
-    """A sentence where samples of a data set were made with different kernels; None where they were not."""
+    """A sentence if samples of a data set were made with different kernels; else None."""
     kernels = {machine.partition(", ")[2] or machine for machine in read_manifest(folder).get("made_on", [])}
     if len(kernels) < 2:
         return None
@@ -574,10 +576,10 @@ def mixed_kernels(folder: Path) -> str | None:
 
 
 def check_dataset(path: str | Path) -> list[str]:
-    """What is wrong with a data set's folder, a sentence each; nothing where all is sound.
+    """Faults in a data set's folder, a sentence each; an empty list where there are none.
 
-    All files are read: their checksums are compared with the manifest, their content with the recipe.
-    Raises InputError where the folder is no data set or its recipe or manifest cannot be read.
+    All files are read: their checksums are compared with the manifest, their content with the recipe. Raises InputError where the
+    folder is no data set or its recipe or manifest cannot be read.
     """
     folder = dataset_folder(path)
     recipe = recipe_of(folder)

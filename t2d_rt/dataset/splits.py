@@ -1,13 +1,14 @@
-"""Splits of a data set: no description, source clip, motion seed or subject on two sides; seeded, stratified by class, checked.
+"""Splits of a data set, in which no description, source clip, motion seed or subject is on two sides; seeded, stratified by class,
+checked.
 
-Samples that have one of these in common, directly or by way of others, make one group, and a group is never divided. Clips of
-standing and walking begin many motions of every class, so that most samples may make one group; then a split by clips is refused,
-unless the samples between the sides may be left out.
+Samples that share one of these, directly or through other samples, form a group, and a group is never divided. Clips of standing
+and walking begin many motions of every class, so most samples may form a single group; then a split by clips is refused, unless
+samples between the sides may be left out.
 
-Sides get what makes the sum over sides s and classes c of f_s n_c log(placed_sc) greatest, f_s the fraction asked for and n_c the
-samples of the class; all classes together count as one more. Where groups can be divided freely, its greatest value is at
-placed_sc = f_s n_c (Gibbs' inequality); where they cannot, it says which of two divisions is the more proportional one, and it
-grows with the samples that are kept.
+The assignment to sides maximises the sum over sides s and classes c of f_s n_c log(placed_sc), f_s the fraction asked for and n_c
+the number of samples of the class; all classes together count as one more. Where groups can be divided freely, the maximum is at
+placed_sc = f_s n_c (Gibbs' inequality); where they cannot, the sum says which of two divisions is more proportional, and it grows
+with the number of samples that are kept.
 """
 
 from __future__ import annotations
@@ -31,40 +32,40 @@ from t2d_rt.core.files import read_bytes
 
 Kind = Literal["description", "clip", "seed", "subject"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""What can be held apart: a description by its sentence, a source clip by the recording that it was cut from, a motion by
-its seed, a subject by the number."""
+"""What can be held apart: a description (by its sentence), a source clip (by the recording from which it was cut), a motion (by its
+seed), a subject (by its number)."""
 APART: tuple[Kind, ...] = "description", "clip", "seed"
 """What is held apart by default."""
 
 PLAIN = re.compile(r"[A-Za-z0-9_-]{1,100}")
-"""Names of sides, which become names of files."""
+"""Pattern for the names of sides, which become names of files."""
 CLIP = re.compile(r"^clip \S+ of (?P<file>.+), \d+\.\d\d to \d+\.\d\d s$")
-"""How a motion's origin names a clip."""
+"""Pattern for a clip in a motion's origin."""
 FILE = re.compile(r"^(?P<file>.+), sha256 [0-9a-f]{64}$")
-"""How a motion's origin names a motion file."""
+"""Pattern for a motion file in a motion's origin."""
 
 NAMES = "train", "val", "test"
 FRACTIONS = 0.7, 0.15, 0.15
 MOST_AWAY = 0.1
-"""The share of all samples by which a side may differ from what was asked for."""
+"""Greatest deviation of a side's size from what was asked for, as a fraction of all samples."""
 
 MOST_BYTES = 200_000_000
-"""Largest file of a split that is read."""
+"""Greatest size of a split's file that is read [bytes]."""
 
 Records = Sequence[Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Indices of samples by the side that they are on."""
+    """Indices of the samples on each side."""
 
     sides: Mapping[str, tuple[int, ...]]
     apart: tuple[Kind, ...]
     """What is held apart."""
     left_out: tuple[int, ...] = ()
-    """Samples that would have put one clip on two sides."""
+    """Samples that are left out because they would put a clip on two sides."""
     shared: Mapping[str, int] = field(default_factory=dict)
-    """How many clips (or descriptions, or seeds) are on two sides of what was not held apart."""
+    """Number of clips (or descriptions, or seeds) on two sides, for what was not held apart."""
 
     def __str__(self) -> str:
         sides = ", ".join(f"{name} {len(indices)}" for name, indices in self.sides.items())
@@ -73,7 +74,7 @@ class Split:
         return f"{sides}; apart: {', '.join(self.apart)}{left_out}{shared}"
 
     def to_json(self) -> str:
-        """Text that `read_split` takes."""
+        """JSON text from which `read_split` restores the split."""
         values = {
             "apart": list(self.apart),
             "sides": {name: list(side) for name, side in self.sides.items()},
@@ -84,7 +85,7 @@ class Split:
 
 
 def read_split(path: str | Path, records: Records) -> Split:
-    """A split of these records from a file, checked for leaks as it was when it was made."""
+    """Reads a split of these records from a file, and checks it for leaks as when it was made."""
     stored = read_bytes(path, limit=MOST_BYTES, noun="split file")
     try:
         values = json.loads(stored)
@@ -102,16 +103,16 @@ def read_split(path: str | Path, records: Records) -> Split:
 
 
 def source_clips(record: Mapping[str, Any]) -> frozenset[str]:
-    """The recordings that a sample's motions were made of, that of a second person with them; none of one that was composed by
-    rules or by physics."""
+    """The recordings from which a sample's motions were cut, including that of a second person; empty for a motion made by rules or
+    by physics."""
     sources = [*record["sources"], *((record.get("second_person") or {}).get("sources", ()))]
     matches = (CLIP.match(source) or FILE.match(source) for source in sources)
     return frozenset(match["file"] for match in matches if match is not None)
 
 
 def traits(record: Mapping[str, Any], apart: Collection[Kind]) -> frozenset[tuple[Kind, str]]:
-    """What a sample may share with others."""
-    second = record.get("second_person")  # whose sentences are no sample's label
+    """Everything that a sample may share with others."""
+    second = record.get("second_person")  # no sample is labelled with their sentences
     seeds = [record["seed"], *([] if second is None else [second["seed"]])]
     values_by_kind: dict[Kind, Iterable[str]] = {
         "description": (str(record["sentence"]),),
@@ -171,7 +172,7 @@ def folds(
 def _checked_split(
     records: Records, sides: Mapping[str, np.ndarray], kinds: tuple[Kind, ...], left_out: np.ndarray
 ) -> Split:
-    """A split of these masks (N,) by side, searched for leaks before it is given; left: what was left out, (N,)."""
+    """A split for the masks (N,) of its sides, after a check for leaks; `left_out` (N,) are the samples on no side."""
     indices = np.array([int(record["index"]) for record in records])
     members = {name: tuple(sorted(indices[mask].tolist())) for name, mask in sides.items()}
     check_split(records, members, apart=kinds)
@@ -199,7 +200,7 @@ def leaks(
 
 
 def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: Collection[str] = APART) -> None:
-    """Raises an InputError that names the leak, if a sample or something that is held apart is on two sides."""
+    """Raises an InputError that names the leak if a sample, or something that is held apart, is on two sides."""
     kinds = _kinds(apart)
     record_indices = {int(record["index"]) for record in records}
     side_of_index: dict[int, str] = {}
@@ -225,7 +226,7 @@ def check_split(records: Records, sides: Mapping[str, Iterable[int]], *, apart: 
 
 
 def _fractions(fractions: Any) -> dict[str, float]:
-    """Fractions by the names of their sides."""
+    """Checked fractions by the names of their sides."""
     if isinstance(fractions, Mapping):
         fraction_by_side = {str(name): fractions[name] for name in fractions}
     elif isinstance(fractions, (list, tuple)) and len(fractions) in (2, 3):
@@ -257,7 +258,7 @@ def _kinds(apart: Any) -> tuple[Kind, ...]:
 def _sides(
     records: Records, side_fractions: Mapping[str, float], kinds: tuple[Kind, ...], *, leave_out: bool, seed: int
 ) -> np.ndarray:
-    """Which sides each sample is bound to, (N, S): one, or several where it is to be left out."""
+    """The sides that each sample must be on, (N, S): one, or several if it has to be left out."""
     if not records:
         raise InputError("there are no samples to split; give the records of finished ones")
     flag("leave_out", leave_out)
@@ -280,19 +281,19 @@ def _sides(
 
 
 def _labels(records: Records) -> np.ndarray:
-    """Number of the class of each record, in the order of their names, (N,)."""
+    """Index of the class of each record among the sorted names, (N,)."""
     return np.unique([str(record["class"]) for record in records], return_inverse=True)[1]
 
 
 def grouped(records: Records, kinds: Collection[Kind]) -> list[list[int]]:
-    """Positions of the samples of each group: those that share a trait, directly or by way of others."""
+    """Positions of the samples in each group, that is of samples that share something, directly or through others."""
     number: dict[tuple[Kind, str], int] = {}
     links = [
         (place, len(records) + number.setdefault(trait, len(number)))
         for place, record in enumerate(records)
         for trait in traits(record, kinds)
     ]
-    # A graph of samples and traits, which its edges join; its components are found in the order of their first samples.
+    # Samples and what they share are the nodes of a graph; its components are ordered by their first samples.
     count = len(records) + len(number)
     ends = np.array(links, dtype=np.int64).reshape(-1, 2)
     _, component = connected_components(coo_array((np.ones(len(ends)), ends.T), shape=(count, count)), directed=False)
@@ -310,7 +311,7 @@ def _check_sizes(
     *,
     leave_out: bool,
 ) -> None:
-    """Refuses a split of which a side lacks a class, or, where nothing is left out, is far from its fraction."""
+    """Refuses a split with a side that lacks a class or, where nothing is left out, whose size is far from its fraction."""
     labels = _labels(records)
     names = sorted({str(record["class"]) for record in records})
     lacking = [
@@ -336,16 +337,16 @@ def _check_sizes(
 
 
 SPLITS = "file", "description", "clip"
-"""By file, samples of one description stand on all sides, as in the code of Text2Doppler; by description no sentence and no motion
-is on two; by clip no recording is either, and samples that would join two sides are left out."""
+"""Ways to split. By file, samples of one description are on all sides, as in the code of Text2Doppler. By description, no sentence
+and no motion is on two sides. By clip, no recording is either, and samples that would join two sides are left out."""
 TRAINING_FRACTIONS = 0.5, 0.25, 0.25
-"""Fractions of train, val and test for training: four descriptions of a class can be divided so."""
+"""Fractions of train, val and test for training; they can divide as few as four descriptions of a class."""
 
 
 def sides_of(
     records: Sequence[Mapping[str, Any]], by: str, *, fractions: Sequence[float] = TRAINING_FRACTIONS, seed: int = 0
 ) -> dict[str, np.ndarray]:
-    """Positions of the samples of train, val and test, of each class alike."""
+    """Positions of the samples of train, val and test, with the same fractions of each class."""
     choice("split", by, SPLITS)
     if by != "file":
         apart = ("description", "seed") if by == "description" else ("description", "clip", "seed")
@@ -364,7 +365,7 @@ def sides_of(
 
 
 def check_sides(parts: Mapping[str, np.ndarray]) -> None:
-    """Refuses a split that leaves a side empty."""
+    """Refuses a split with an empty side."""
     empty = [name for name, places in parts.items() if len(places) == 0]
     if empty:
         counts = ", ".join(f"{name} {len(places)}" for name, places in parts.items())
@@ -372,34 +373,34 @@ def check_sides(parts: Mapping[str, np.ndarray]) -> None:
 
 
 TRIES = 16
-"""Orders of the groups, or first guesses at the sides of clips, of which the best outcome is taken."""
+"""Number of orders of the groups, or of initial assignments of clips, of which the best result is used."""
 SWEEPS = 30
-"""Rounds over all clips at most; five are usual."""
+"""Greatest number of rounds over all clips; five are usual."""
 TOGETHER = 100
-"""Samples in each round whose clips are moved together."""
+"""Number of samples in each round whose clips are moved together."""
 SOFT = 1e-12
-"""Samples that an empty side counts as: its logarithm is finite, and any other division is better."""
+"""Number of samples that an empty side counts as, so that its logarithm is finite and any other division is better."""
 
 
 def objective(placed: np.ndarray, fractions: np.ndarray, totals: np.ndarray) -> float:
-    """How good `placed` (sides, classes) is, of `totals` (classes,) samples; see above."""
+    """Quality of the division `placed` (sides, classes) of `totals` (classes,) samples, as defined at the top."""
     return float(fractions @ np.log(placed + SOFT) @ totals)
 
 
 def with_total(counts: np.ndarray) -> np.ndarray:
-    """Counts (..., K) and their sum, (..., K + 1)."""
+    """Counts (..., K) followed by their sum, (..., K + 1)."""
     return np.concatenate([counts, counts.sum(axis=-1, keepdims=True)], axis=-1)
 
 
 def assigned(options: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Side of each group (G,), which puts `options` (G, S, K) samples of each class there, depending on the side."""
+    """Side of each group (G,); `options` (G, S, K) are the numbers of samples of each class that the group has on each side."""
     options = with_total(options)
     best: tuple[float, np.ndarray] | None = None
     totals = options.max(axis=1).sum(axis=0)
     sizes = options[:, :, -1].max(axis=1)
     for _ in range(TRIES):
         order = rng.permutation(len(options))
-        order = order[np.argsort(-sizes[order], kind="stable")]  # large ones while there is room for them
+        order = order[np.argsort(-sizes[order], kind="stable")]  # large groups first, while there is room for them
         placed, sides = np.zeros(options.shape[1:]), np.zeros(len(options), dtype=np.int64)
         for group in order:
             gains = np.log(placed + options[group] + SOFT) - np.log(placed + SOFT)
@@ -420,10 +421,10 @@ def clip_sides(
     fractions: np.ndarray,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Sides that each sample is bound to, (N, S): those that its clips are on, and that of its group.
+    """The sides that each sample must be on, (N, S): those of its clips, and that of its group.
 
-    labels: number of each sample's class, (N,). groups: positions of samples that are to be on one side.
-    Clips, alone or those of a sample together, go where they are worth most, until none moves; then groups do, likewise.
+    labels: class of each sample, (N,). groups: positions of samples that are to be on one side. Clips, alone or together with the
+    others of a sample, are moved to the best side until none moves; then groups likewise.
     """
     names = sorted(frozenset[str]().union(*clips))
     number = {name: place for place, name in enumerate(names)}
@@ -449,10 +450,10 @@ def clip_sides(
 
 
 def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Side of each clip, (C,), by coordinate ascent from several random beginnings: exact division is NP-hard.
+    """Side of each clip, (C,), by coordinate ascent from several random starts, since exact division is NP-hard.
 
-    holds: which clips (C) a pattern of clips has, (P, C).
-    sums: samples of each class with that pattern, and all of them, (P, K + 1).
+    holds: which clips (C) each pattern of clips has, (P, C). sums: number of samples of each class with that pattern, and of all,
+    (P, K + 1).
     """
     unit = np.eye(len(fractions), dtype=np.int64)
     totals = sums.sum(axis=0)
@@ -478,13 +479,13 @@ def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np
 
 
 def _moves(holds: np.ndarray, rng: np.random.Generator) -> list[np.ndarray]:
-    """Clips that go to another side together: each alone, and all those of some samples, which then can be kept."""
+    """Sets of clips that are moved together: each clip alone, and all clips of some samples, which can then be kept."""
     alone = [np.array([clip]) for clip in rng.permutation(holds.shape[1])]
     rows = rng.permutation(len(holds))[:TOGETHER]
     return alone + [np.flatnonzero(holds[row]) for row in rows if holds[row].sum() > 1]
 
 
 def _placed(on: np.ndarray, sums: np.ndarray) -> np.ndarray:
-    """Samples of each class on each side, (S, K), of patterns on one side only."""
+    """Number of samples of each class on each side, (S, K), for patterns whose clips are all on one side."""
     only = on & (on.sum(axis=1, keepdims=True) == 1)
     return np.asarray(only.T.astype(np.float64) @ sums)

@@ -1,4 +1,4 @@
-"""Subjects of a recipe: persons who stay the same over many samples."""
+"""Subjects of a recipe: persons who stay the same in many samples."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from t2d_rt.motion.descriptions import slots
 from t2d_rt.motion.generate.library.individual import STATURE_M, drawn_person
 
 KINDS = tuple(dict.fromkeys(kind for kinds in STATURE_M.values() for kind, *_ in kinds))
-"""Bodies that subjects take in turns."""
+"""Kinds of bodies that subjects take in turn."""
 
 ANYBODY = ("adult", "woman", "man")
-"""Bodies that a description of a person may mean."""
+"""Bodies that fit a description of "a person"."""
 
 BMI_SPREAD = 0.14
-"""Standard deviation of the logarithm of the body mass index about that of the shipped body: 14.2 kg of 85.5 kg of soldiers whose
-stature varies by 6.9 cm of 175.6 cm (Gordon et al. 2014, ANSUR II)."""
+"""Standard deviation of the logarithm of the body mass index about that of the shipped body: from 14.2 kg of 85.5 kg for soldiers
+whose stature varies by 6.9 cm of 175.6 cm (Gordon et al. 2014, ANSUR II)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +29,7 @@ class Subject:
 
     number: int
     body: str
-    """Shape and body mass index, as "man@29.31"."""
+    """Template and body mass index, as "man@29.31"."""
     stature_m: float
     seed: int
     """Seed of proportions, handedness, posture, tempo, swing of the arms and breathing."""
@@ -38,12 +38,12 @@ class Subject:
 
 @functools.lru_cache(maxsize=4096)
 def subject(recipe: Recipe, number: int) -> Subject:
-    """A subject by the number, from the seed of the recipe."""
+    """The subject of that number; it depends on the seed of the recipe only."""
     rng = np.random.default_rng(recipe.seeds(number, "subject"))
     kind, stature_m = drawn_person("person", rng, body=KINDS[number % len(KINDS)])
     shipped = template(kind)
     bmi = shipped.bmi * np.exp(BMI_SPREAD * np.clip(rng.standard_normal(), -2, 2))
-    # Fitted to a stature a body grows in all directions, and its index with it.
+    # A body that is fitted to a stature grows in all directions, and its body mass index with it.
     bmi = np.clip(bmi * shipped.stature_m / stature_m, *shipped.bmi_limits)
     return Subject(
         number=number,
@@ -55,7 +55,7 @@ def subject(recipe: Recipe, number: int) -> Subject:
 
 
 def subject_of(recipe: Recipe, meant: slots.Subject, number: int, side: Side | None) -> Subject | None:
-    """The subject of a motion's number, one of those of its side whom its description means; None of a recipe without subjects."""
+    """The subject for a motion's number: one of its side that fits its description; None for a recipe without subjects."""
     if recipe.subjects is None:
         return None
     bodies = ANYBODY if meant == "person" else tuple(kind for kind, *_ in STATURE_M[meant])

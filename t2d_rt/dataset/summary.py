@@ -1,6 +1,6 @@
-"""What a data set's folder holds, as figures and as pictures.
+"""Summary of a data set's folder, as figures and as pictures.
 
-Balance of classes, lengths, SNR, Doppler extents, verdicts of the filter, time left of a run; a contact sheet class by class.
+Balance of classes, lengths, SNR, Doppler extents, verdicts of the filter, remaining time of a run; a contact sheet class by class.
 """
 
 from __future__ import annotations
@@ -32,62 +32,62 @@ if TYPE_CHECKING:
 
 
 MEASURED = 64
-"""Samples of a class whose Doppler extent is measured: the first ones; they tell what all of them are like."""
+"""Number of samples of a class whose Doppler extent is measured; the first ones represent all."""
 SHARDS_TIMED = 6
-"""Shards, the latest, whose times tell how fast a run is."""
+"""Number of latest shards whose times give the speed of a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClassSummary:
-    """What there is of one class; arrays hold a value for each sample."""
+    """Summary of one class; arrays have a value for each sample."""
 
     name: str
     samples: int
     descriptions: int
     passed: int
-    """Motions that the filter takes for one of the class."""
+    """Number of motions that the filter accepts as ones of the class."""
     reason: str | None
-    """Reason for which most of the others do not pass."""
+    """Most frequent reason for which others do not pass."""
     made_s: np.ndarray
-    """Lengths of the motions before they were cut or held [s]."""
+    """Durations of the motions before they were cut or held [s]."""
     snr_db: np.ndarray
     """Signal-to-noise ratios of the samples whose noise is known [dB]."""
     angle_deg: np.ndarray
-    """Angles against the line to the radar [deg]."""
+    """Angles relative to the line to the radar [deg]."""
     range_m: np.ndarray
-    """Mean ranges of the person [m]; of records of older versions, which lack this and the next two, none."""
+    """Mean ranges of the person [m]; empty for records of older versions, which also lack the next two."""
     approaching: np.ndarray
-    """Fractions of the time of coming and going in which the person comes."""
+    """Fractions of approaching in the time during which the person approaches or recedes."""
     moving: np.ndarray
-    """Fractions of the record in which the person moves."""
+    """Fractions of the record during which the person moves."""
     lower_mps: np.ndarray
-    """Least speed in each of the first `MEASURED` spectrograms [m/s]; none where there are no spectrograms."""
+    """Least speed in each of the first `MEASURED` spectrograms [m/s]; empty where there are none."""
     upper_mps: np.ndarray
     """Greatest speed in each of them [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What a folder holds."""
+    """Summary of a data set's folder."""
 
     name: str
     samples: int
     wanted: int
-    """Samples of the whole recipe."""
+    """Number of samples in the whole recipe."""
     failures: tuple[str, ...]
-    """Reasons of the samples that failed."""
+    """Reasons for which samples failed."""
     classes: tuple[ClassSummary, ...]
     conditions: dict[str, int]
     parts: dict[str, float]
-    """Fraction of the spectrograms' power that each part adds, in the mean over the first `MEASURED` samples."""
+    """Fraction of the spectrograms' power that each part contributes, averaged over the first `MEASURED` samples."""
     errors_db: np.ndarray
-    """Field errors, where they were measured [dB]."""
+    """Measured field errors [dB]."""
     clips: int
-    """Source clips that motions were made of."""
+    """Number of source clips from which motions were made."""
     groups: tuple[int, ...]
-    """Samples of each group that has a description, clip or seed in common, the largest first."""
+    """Number of samples in each group that shares a description, clip or seed, the largest first."""
     seconds_left: float | None
-    """Time that the run in this folder needs to the end of its recipe; None where there is no run, or it has only begun."""
+    """Time until the run in this folder will have finished the recipe [s]; None where there is no run, or it has only begun."""
 
     def __str__(self) -> str:
         lines = [f"{self.name}: {self.samples} of {self.wanted} samples, {len(self.failures)} failed"]
@@ -129,7 +129,7 @@ class Summary:
 
 
 def summarise(dataset: Dataset | str | Path) -> Summary:
-    """The summary of a data set, finished or not."""
+    """Summarises a data set, finished or not."""
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     records = source.records
     return Summary(
@@ -148,7 +148,7 @@ def summarise(dataset: Dataset | str | Path) -> Summary:
 
 
 def _parts(dataset: Dataset) -> dict[str, float]:
-    """The mean fraction of the power that each part adds."""
+    """Mean fraction of the power that each part contributes."""
     if not dataset.parts:
         return {}
     powers = [dataset.values(place, "parts").sum(axis=(1, 2)) for place in range(min(MEASURED, len(dataset)))]
@@ -158,7 +158,7 @@ def _parts(dataset: Dataset) -> dict[str, float]:
 
 
 def _class(dataset: Dataset, number: int) -> ClassSummary:
-    """What there is of the class of a number."""
+    """Summary of the class of that index."""
     positions = np.flatnonzero(dataset.labels == number)
     records = [dataset.records[place] for place in positions]
     reasons = Counter(record["reasons"][0] for record in records if record["reasons"])
@@ -192,16 +192,16 @@ def extent(dataset: Dataset, position: int) -> tuple[float, float]:
 
 
 def _values_of(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
-    """A figure of the records that have it."""
+    """The values of a field, from the records that have it."""
     return np.array([record[name] for record in records if record.get(name) is not None], dtype=np.float64)
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
-    """Time that is left, by the times at which the latest shards took their places [s]."""
+    """Remaining time [s], from the times at which the latest shards were written."""
     finished = sorted((path.stat().st_mtime, path) for path in (dataset.path / SHARDS).glob("*.jsonl"))[-SHARDS_TIMED:]
     if len(finished) < 2 or not in_use(dataset.path):
         return None
-    # The time between two shards is that of the later one's samples; the median, for a run may have been stopped between.
+    # The time between two shards is that of the later one's samples; the median, because a run may have been interrupted.
     sample_s = [
         (last - first) / max(1, path.read_bytes().count(b"\n")) for (first, _), (last, path) in pairwise(finished)
     ]
@@ -210,14 +210,14 @@ def _seconds_left(dataset: Dataset) -> float | None:
 
 
 def _row(summary: ClassSummary) -> tuple[str, ...]:
-    """A row of the table."""
+    """A row of the main table."""
     passed = f"{summary.passed / summary.samples:.0%}" if summary.samples else "-"
     figures = (_spread(values) for values in (summary.made_s, summary.snr_db, summary.lower_mps, summary.upper_mps))
     return summary.name, f"{summary.samples}", f"{summary.descriptions}", passed, *figures
 
 
 def _balance(summary: ClassSummary) -> tuple[str, ...]:
-    """A row of the table of what should tell no class."""
+    """A row of the table of figures that should not reveal the class."""
     figures = (
         _spread(summary.angle_deg, 0),
         _spread(summary.range_m),
@@ -228,14 +228,14 @@ def _balance(summary: ClassSummary) -> tuple[str, ...]:
 
 
 def _spread(values: np.ndarray, digits: int = 1) -> str:
-    """The percentiles 5, 50 and 95."""
+    """The percentiles 5, 50 and 95, as text."""
     if not len(values):
         return "-"
     return " ".join(f"{percentile:.{digits}f}" for percentile in np.percentile(values, (5, 50, 95)))
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    """Lines of a table: the first column to the left, the others to the right."""
+    """Lines of a table, with the first column aligned left and the others right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return [
         "  ".join(
@@ -246,20 +246,21 @@ def _table(rows: Sequence[tuple[str, ...]]) -> list[str]:
 
 
 def _time(seconds: float) -> str:
-    """A time in seconds, minutes or hours, whichever is short."""
+    """A duration in seconds, minutes or hours, as text."""
     if seconds < 90:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 CELL_IN = 1.45, 1.15
-"""Width and height of one spectrogram [inch]."""
+"""Width and height of a spectrogram [inch]."""
 MARGINS_IN = 0.95, 1.0, 0.5, 0.1
-"""Room at the left, at the right, below and above them [inch]."""
+"""Margins at the left, at the right, below and above [inch]."""
 SHOWN = 98.0
-"""Percentile of the samples' speeds that the axes show: one that is faster than all others does not flatten them."""
+"""Percentile of the samples' speeds that the axes include, so that a single fast sample does not compress the others."""
 BRIGHT = 75.0
-"""Percentile of the samples' greatest levels that the colours tell apart: the others are nearer, by the fourth power of range."""
+"""Percentile of the samples' peak levels at which the colours end; stronger samples are nearer, as power goes with the fourth power
+of range."""
 
 
 def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float = 50.0) -> Figure:
@@ -295,7 +296,8 @@ def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float
 
 
 def _sheet(rows: int, columns: int) -> tuple[Figure, Any, Axes]:
-    """A figure with axes in rows and columns, and those of a colour bar; a layout engine takes a minute for as many."""
+    """A figure with axes in rows and columns, and axes for a colour bar; placed by hand, as a layout engine takes a minute for so
+    many."""
     wide, tall = MARGINS_IN[0] + CELL_IN[0] * columns + MARGINS_IN[1], CELL_IN[1] * rows + MARGINS_IN[2] + MARGINS_IN[3]
     figure = blank_figure(wide, tall)
     figure.set_layout_engine("none")
@@ -311,7 +313,7 @@ def _sheet(rows: int, columns: int) -> tuple[Figure, Any, Axes]:
 
 
 def _chosen(dataset: Dataset, number: int, columns: int) -> list[int]:
-    """The first samples of a class, each of another description as far as there are others."""
+    """The first samples of a class, with different descriptions as far as possible."""
     places = np.flatnonzero(dataset.labels == number).tolist()
     place_by_sentence: dict[str, int] = {}
     for place in places:
@@ -321,12 +323,12 @@ def _chosen(dataset: Dataset, number: int, columns: int) -> list[int]:
 
 
 def _levels(dataset: Dataset, place: int) -> np.ndarray:
-    """A spectrogram's levels [dB re 1 W]."""
+    """Levels of a spectrogram [dB re 1 W]."""
     return dataset.values(place, "spectrogram") + dataset.records[place]["products"]["spectrogram"]["peak_db"]
 
 
 def _draw(axes: Axes, dataset: Dataset, place: int, levels_db: np.ndarray, limits_db: tuple[float, float]) -> Any:
-    """Draws a sample into its axes; what `imshow` drew."""
+    """Draws a sample into its axes; returns what `imshow` drew."""
     entry = dataset.records[place]["products"]["spectrogram"]
     extent = (*entry["time_s"], *entry["velocity_mps"])
     low, high = limits_db
@@ -336,12 +338,12 @@ def _draw(axes: Axes, dataset: Dataset, place: int, levels_db: np.ndarray, limit
 
 
 def _greatest(speeds: np.ndarray) -> float:
-    """A speed that nearly all samples keep to [m/s], in halves."""
+    """A speed that nearly all samples stay below [m/s], in steps of one half."""
     return max(0.5, math.ceil(2.0 * float(np.percentile(speeds, SHOWN)) + 0.5) / 2.0)
 
 
 def plot_summary(summary: Summary) -> Figure:
-    """Class balance and verdicts, lengths before cutting and holding, SNR, and Doppler extents, class by class."""
+    """Draws, class by class: balance and verdicts, durations before cutting and holding, SNR, and Doppler extents."""
     if not summary.samples:
         raise InputError("there is no sample to draw; wait for the first shard")
     figure = blank_figure(9.0, 1.6 + 0.55 * len(summary.classes))
@@ -376,7 +378,7 @@ def plot_summary(summary: Summary) -> Figure:
 
 
 def _boxes(axes: Axes, values: list[np.ndarray], colour: str) -> None:
-    """Quartiles as a box, 5 and 95 % as whiskers."""
+    """Draws quartiles as boxes, and percentiles 5 and 95 as whiskers."""
     style = {"color": colour}
     axes.boxplot(
         values,

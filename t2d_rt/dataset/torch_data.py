@@ -1,4 +1,4 @@
-"""A data set for PyTorch: one product of each sample as a tensor, and its label."""
+"""A data set for PyTorch: a product of each sample as a tensor, and its label."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ MAPS = "spectrogram", "range_doppler"
 
 
 class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
-    """Map-style: `self[k]` is the tensor of a sample and its target. Each worker of a DataLoader reads for itself."""
+    """A map-style data set: `self[k]` is the tensor of a sample and its target. Each worker of a DataLoader reads files for
+    itself."""
 
     def __init__(
         self,
@@ -87,11 +88,11 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         return tensor if self.transform is None else self.transform(tensor), target
 
     def record(self, number: int) -> dict[str, Any]:
-        """What is known of a sample."""
+        """The record of a sample."""
         return self.dataset.records[int(self.positions[number])]
 
     def _within(self, range_db: float) -> float:
-        """A dynamic range that the data set holds: below that of "uint8" there is nothing left."""
+        """A checked dynamic range [dB] that the stored levels cover; below that of "uint8" everything is lost."""
         definition = self.dataset.recipe.products.kept[self.product]
         if definition.dtype == "uint8" and range_db > definition.dynamic_range_db:
             raise InputError(
@@ -101,7 +102,7 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
 
 
 def fitted(values: np.ndarray, product: Product, length: int) -> np.ndarray:
-    """Values cut or padded along time to a length; points by their SNR."""
+    """Values cut or padded along time to a length; of points those of greatest SNR are kept."""
     axis = TIME_AXIS[product]
     lacking = length - values.shape[axis]
     if lacking <= 0:

@@ -1,6 +1,7 @@
-"""What a worker does: samples by their indices, from the motion to the arrays of a shard; and the plans that tolerances ask for.
+"""Work of a worker process: makes samples from their indices, from the motion to the arrays of a shard; and makes plans for
+tolerances.
 
-A plan is made for each class and condition that has a tolerance, on the first sample of the group, and used for all of it.
+A plan is made for each class and condition with a tolerance, for the first sample of that group, and used for the whole group.
 """
 
 from __future__ import annotations
@@ -95,30 +96,32 @@ def _power(level_db: np.ndarray) -> np.ndarray:
 
 
 HELD_BYTES = 0.8e9
-"""What a worker may hold between two samples before it gives back what nothing uses; a sample in a room takes another gigabyte."""
+"""Memory that a worker may hold between two samples before it returns unused memory [bytes]; a sample in a room takes another
+gigabyte."""
 
 MOST_GROWTH_BYTES = 0.8e9
-"""A worker that has grown by more since its first samples leaks memory. By itself loky takes 0.3 GB for a leak: samples of unlike
-size differ by as much, and a worker in place of another begins with nothing loaded."""
+"""Growth of a worker's memory after its first samples that counts as a leak [bytes]. By default loky takes 0.3 GB for a leak, but
+samples of different size differ by as much, and replacing a worker means loading everything again."""
 
 Plans = Mapping[str, Accuracy]
-"""Accuracies of groups of samples by their names."""
+"""Accuracies of groups of samples, by the name of the group."""
 
 
 def group_of(cell: Cell) -> str:
-    """The samples that share a plan."""
+    """Name of the group of samples that share a plan."""
     return f"{cell.activity}/{cell.condition.name}"
 
 
 def accuracy_of(cell: Cell, plans: Plans) -> Accuracy | None:
-    """How finely a sample is modelled; None by default."""
+    """The accuracy with which a sample is modelled; None for the default."""
     return plans[group_of(cell)] if cell.condition.tolerance_db is not None else cell.condition.accuracy
 
 
 def make_samples(
     recipe_json: str, plans_json: Mapping[str, str], indices: Sequence[int], threads: int
 ) -> list[MadeSample]:
-    """Samples of a recipe; the work of one call in a worker, whose values travel as plain text."""
+    """Makes samples of a recipe: the work of a single call in a worker. Arguments are plain text, as they are sent between
+    processes."""
     keep_freed()
     recipe = _recipe(recipe_json)
     plans = {name: Accuracy.model_validate_json(text) for name, text in plans_json.items()}
@@ -128,7 +131,7 @@ def make_samples(
 
 
 def in_worker(work: Callable[..., Any], *task: Any) -> Any:
-    """A call of `make_samples` or `make_plan` in a process of its own."""
+    """Calls `make_samples` or `make_plan` in a worker process."""
     result = work(*task)
     _settle()
     return result
@@ -136,8 +139,8 @@ def in_worker(work: Callable[..., Any], *task: Any) -> Any:
 
 @functools.cache
 def _settle() -> None:
-    """Done once, after a worker's first call. The garbage collector leaves out what is loaded by then, which saves 2 % of a
-    sample's time, and loky, which replaces workers that grow, lets them grow by `MOST_GROWTH_BYTES` first."""
+    """Called once, after a worker's first call. Excludes everything loaded by then from garbage collection, which saves 2 % of a
+    sample's time, and lets loky, which replaces workers that grow, tolerate a growth of `MOST_GROWTH_BYTES`."""
     from joblib.externals.loky import process_executor
 
     gc.collect()
@@ -148,13 +151,13 @@ def _settle() -> None:
 
 @functools.lru_cache(maxsize=2)
 def _recipe(text: str) -> Recipe:
-    """A recipe by its text; a worker gets the same one with each call."""
+    """A recipe from its text; cached, as a worker gets the same one with each call."""
     return Recipe.model_validate_json(text)
 
 
 @one_blas_thread
 def make_sample(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
-    """One sample; what goes wrong becomes the reason in its record."""
+    """Makes one sample; an error becomes the reason in its record."""
     try:
         return _made(recipe, plans, index)
     finally:
@@ -162,7 +165,7 @@ def make_sample(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
 
 
 def _made(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
-    """The work of `make_sample`: motion, simulation, products, and the record that tells of them."""
+    """The steps of `make_sample`: motion, simulation, products, and their record."""
     cell = cell_of(recipe, index)
     description = description_of(recipe, cell)
     record: dict[str, Any] = {
@@ -187,7 +190,7 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
             arrays, entries, seconds = _recorded(recipe, drawn, accuracy_of(cell, plans))
         except (MemoryError, KeyboardInterrupt):
             raise
-        except Exception as error:  # one sample's failure is no reason to lose the others
+        except Exception as error:  # the failure of one sample must not cost the others
             reason = " ".join(str(error).split())
             if not isinstance(error, InputError):
                 reason = f"{type(error).__name__}: {reason}"
@@ -202,7 +205,7 @@ def _made(recipe: Recipe, plans: Plans, index: int) -> MadeSample:
 
 
 def _described(drawn: Sample) -> dict[str, Any]:
-    """What a record tells of a sample before it is simulated."""
+    """Fields of a sample's record that are known before it is simulated."""
     source = drawn.cut.source
     return {
         "provider": source.provider,
@@ -221,7 +224,7 @@ def _described(drawn: Sample) -> dict[str, Any]:
 
 
 def _second_person(drawn: Sample) -> dict[str, Any] | None:
-    """What a record tells of a person beside the one who is labelled: sentence, seed, and clips."""
+    """Fields of the record about a second person: sentence, seed, and clips; None where there is none."""
     others = [target for target in drawn.experiment.targets[1:] if isinstance(target, MotionText)]
     if not others:
         return None
@@ -231,7 +234,7 @@ def _second_person(drawn: Sample) -> dict[str, Any] | None:
 def _recorded(
     recipe: Recipe, drawn: Sample, accuracy: Accuracy | None
 ) -> tuple[dict[str, np.ndarray], dict[str, Any], dict[str, float]]:
-    """Arrays of a sample, what its record tells of them, and the time that it took."""
+    """Arrays of a sample, the fields of its record about them, and the time [s] of each stage."""
     begin = time.perf_counter()
     parts = recipe.products.parts
     split = None if parts is None else parts.split
@@ -252,11 +255,12 @@ def _recorded(
 
 
 PLANNED = 20
-"""Samples of a group of which the first one that can be planned gives the plan."""
+"""Greatest number of samples of a group that are tried for its plan; the first that can be planned gives it."""
 
 
 def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, list[int]]:
-    """Indices of the first few of so many samples whose condition has a tolerance, by their group; of one group if `only` that."""
+    """Indices of the first few samples of each group whose condition has a tolerance, among the first `count`; of one group only if
+    `only` names it."""
     indices_by_group: dict[str, list[int]] = {}
     for index in range(count):
         cell = cell_of(recipe, index)
@@ -270,8 +274,8 @@ def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, 
 def make_plans(
     recipe: Recipe, path: Path, count: int, threads: int, take_up: Callable[..., Iterable[tuple[str, str]]]
 ) -> dict[str, str]:
-    """Accuracies of the groups as JSON, those that a file holds already and the others, which `take_up` makes where it makes
-    samples; they are added to the file."""
+    """Accuracies of the groups as JSON: those that a file already holds, and the others, which `take_up` makes in the place where
+    samples are made and which are added to the file."""
     accuracies, text = read_plans(path), recipe.model_dump_json()
     tasks = [
         (text, name, indices, threads) for name, indices in groups(recipe, count).items() if name not in accuracies
@@ -292,13 +296,13 @@ def make_plans(
 
 
 def make_plan(recipe_json: str, name: str, indices: list[int], threads: int) -> tuple[str, str]:
-    """Name and accuracy of a group, as text; the work of one call in a worker."""
+    """Name and accuracy of a group, as text: the work of a single call in a worker."""
     with limited_threads(threads):
         return name, plan_of(_recipe(recipe_json), indices).model_dump_json()
 
 
 def read_plans(path: Path) -> dict[str, Accuracy]:
-    """The accuracies that a file holds; none where there is no file."""
+    """The accuracies in a file; none if it does not exist."""
     if not path.exists():
         return {}
     try:
@@ -309,7 +313,7 @@ def read_plans(path: Path) -> dict[str, Accuracy]:
 
 @one_blas_thread
 def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
-    """The accuracy that keeps to a group's tolerance: that of the first of its samples that can be planned."""
+    """The accuracy that keeps a group's tolerance: that of the first of its samples that can be planned."""
     failure: T2DError | None = None
     for index in indices:
         try:
@@ -317,7 +321,7 @@ def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
             condition = drawn.cell.condition
             assert condition.tolerance_db is not None, "groups have a tolerance"
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", T2DWarning)  # the sample's record tells them
+                warnings.simplefilter("ignore", T2DWarning)  # warnings about these are in the sample's record
                 return plan(
                     drawn.experiment, tolerance_db=condition.tolerance_db, accuracy=condition.accuracy, device="cpu"
                 ).accuracy

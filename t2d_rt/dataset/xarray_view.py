@@ -1,4 +1,4 @@
-"""A data set's maps as an `xarray.Dataset` that reads a shard when its values are asked for."""
+"""The maps of a data set as an `xarray.Dataset` that reads a shard when its values are needed."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from t2d_rt.dataset.dataset import Dataset, Product
 
 OF_RECORDS = "class", "condition", "sentence", "description", "seed", "snr_db", "distance_m", "angle_deg", "passed"
-"""What is told of each sample."""
+"""Fields of the records that become coordinates."""
 
 
 class _Levels(BackendArray):
-    """Levels [dB] or powers of parts, (sample, ...), read sample by sample."""
+    """Levels [dB] or powers of parts, (sample, ...), which are read sample by sample."""
 
     def __init__(self, dataset: Dataset, product: Product) -> None:
         self._dataset, self._product = dataset, product
@@ -42,7 +42,7 @@ class _Levels(BackendArray):
 
 
 def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
-    """The view that `Dataset.to_xarray` gives."""
+    """The view that `Dataset.to_xarray` returns."""
     dataset.checked(product)
     if product in RAGGED:
         raise InputError(
@@ -66,7 +66,7 @@ def xarray_view(dataset: Dataset, product: Product) -> xr.Dataset:
             about = {"units": UNITS[name]}
             if np.all(axes == axes[0]):
                 coordinates[name] = name, axes[0], about
-            else:  # of several radars: an axis of its own for each sample
+            else:  # several radars: each sample has an axis of its own
                 renamed[place] = name.rpartition("_")[0]
                 coordinates[name] = ("sample", renamed[place]), axes, about
     data = indexing.LazilyIndexedArray(levels)

@@ -1,1 +1,1 @@
-"""What a real recording has beside echoes: receiver noise, background, occlusion masks."""
+"""What real recordings contain in addition to echoes: receiver noise, background, occlusion masks."""

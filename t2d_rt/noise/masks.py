@@ -20,7 +20,7 @@ Fill = Literal["background", "zeros"]
 
 
 class OcclusionMask(Fields):
-    """How many windows are occluded, and how long they are.
+    """Number and duration of occluded windows.
 
     >>> OcclusionMask(windows=2).windows
     2.0
@@ -30,22 +30,22 @@ class OcclusionMask(Fields):
     noun = "occlusion mask"
 
     windows: Number = Field(default=1.0, ge=0, le=1e4)
-    """Mean number of windows in a recording; the number is Poisson distributed."""
+    """Mean number of windows in a recording; their number is Poisson distributed."""
     shortest_s: Number = Field(default=0.2, gt=0, le=1e6)
-    """Shortest window [s]; lengths are evenly distributed."""
+    """Duration of the shortest window [s]; durations are uniformly distributed."""
     longest_s: Number = Field(default=1.0, gt=0, le=1e6)
-    """Longest window [s]."""
+    """Duration of the longest window [s]."""
 
     def model_post_init(self, _: Any) -> None:
-        """Refuses lengths in the wrong order."""
+        """Refuses a shortest window that is longer than the longest."""
         if self.longest_s < self.shortest_s:
             raise InputError(f"longest_s must be shortest_s ({self.shortest_s:g} s) or more, got {self.longest_s:g}")
 
     def draw(self, duration_s: float, *, seed: int) -> np.ndarray:
-        """Windows (window, start and stop) [s] within a duration, in the order of their starts; they may overlap.
+        """Random windows (window, start and stop) [s] within a duration, ordered by their starts; they may overlap.
 
-        A window begins anywhere from where it would end with the start of the recording, so that every instant is as likely to be
-        occluded; what lies outside is cut off.
+        The start of a window is uniformly distributed from one window length before the recording to its end, so that every instant
+        is equally likely to be occluded; parts outside are cut off.
         """
         duration_s = positive("duration_s", duration_s, 1e6, unit="s")
         rng = np.random.default_rng(integer("seed", seed))
@@ -61,11 +61,11 @@ class Occluded:
     """A spectrogram with occluded windows."""
 
     power: np.ndarray
-    """[W], (velocity, time)."""
+    """Power [W], (velocity, time)."""
     windows_s: np.ndarray
     """Start and stop of each window from the start of the recording [s], (window, 2)."""
     columns: np.ndarray
-    """Which columns were replaced, (time,)."""
+    """Which columns were replaced, bool (time,)."""
 
 
 def occlude(
@@ -110,7 +110,7 @@ def covered(times_s: np.ndarray, windows_s: np.ndarray) -> np.ndarray:
 
 
 def _power(name: str, values: Any, shape: tuple[int | str, ...]) -> np.ndarray:
-    """Powers [W] of a shape, none of them below 0."""
+    """Checked powers [W] of a shape; refuses negative ones."""
     powers = array(name, values, shape, limit=1e60, unit="W")
     if powers.size and powers.min() < 0:
         raise InputError(f"{name} must be 0 W or more, got {powers.min():g}; give powers, not decibels or amplitudes")

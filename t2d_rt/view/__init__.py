@@ -1,4 +1,4 @@
-"""One page that shows recordings: body, room, paths and maps on one timeline, in a single HTML file that needs nothing else."""
+"""A page that shows recordings, with body, room, paths and maps on one timeline, in a single self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ MOST_RECORDINGS = 2
 
 @public
 class Viewer:
-    """A page of one recording, or of two side by side, which a notebook shows and `save` writes as a file of its own."""
+    """A page of one recording, or of two side by side, which a notebook shows and `save` writes as a file."""
 
     def __init__(self, recordings: Sequence[Recording] | Recording, titles: Sequence[str] | None = None) -> None:
         """recordings: a `Recording`, or two; their targets, room and paths are worked out from their experiments.
@@ -45,7 +45,7 @@ class Viewer:
         if len(listed("titles", names, str, "a list of texts")) != len(shown):
             raise InputError(f"titles must be a text for each of {len(shown)} recordings, got {len(names)}")
         self.html = page(shown, [printable(name) for name in names])
-        """The page."""
+        """The HTML text of the page."""
 
     def __repr__(self) -> str:
         return f"Viewer({len(self.html) / 1e6:.1f} MB)"
@@ -55,27 +55,27 @@ class Viewer:
         return f'<iframe style="{style}" srcdoc="{html.escape(self.html)}" allowfullscreen></iframe>'
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write the page to a file that ends in .html; a failure changes nothing."""
+        """Writes the page to a file that ends in .html; an error leaves an existing file unchanged."""
         target = check_page(path, overwrite=overwrite)
         with writing(target, overwrite=overwrite) as new:
             new.write_text(self.html, encoding="utf-8")
 
 
 def check_page(path: str | Path, *, overwrite: bool) -> Path:
-    """Refuses a name for a page that is no page's, is taken, or cannot be written; gives the whole path."""
+    """A checked absolute path for a page; refuses one with another ending, one that exists, or one that cannot be written."""
     target = file_path("path", path)
     check_file(target, "a page", ".html", ".htm", overwrite=flag("overwrite", overwrite))
     return target.resolve()
 
 
 def told(recording: Recording) -> str:
-    """What a recording was made with, in a few words."""
+    """A short text on how a recording was made."""
     method = made_with(recording.settings, measured=recording.experiment is None)
     return f"{method}, {recording.radar.carrier_hz / 1e9:.4g} GHz"
 
 
 def page(recordings: Sequence[Recording], titles: Sequence[str]) -> str:
-    """The HTML text: the template with all numbers of the recordings in it, compressed."""
+    """The HTML text: the template, with all numbers of the recordings inserted in compressed form."""
     from matplotlib import colormaps
 
     from t2d_rt.view.gather import FRAMES_HZ, gathered, on_one_scale
@@ -112,14 +112,14 @@ def _text(name: str) -> str:
 
 
 class _Arrays:
-    """Arrays one after another in one block of bytes, each in place of a header that says where."""
+    """Stores arrays one after the other in a block of bytes, and replaces each by a header with its position."""
 
     def __init__(self) -> None:
         self.pieces: list[bytes] = []
         self.end = 0
 
     def placed(self, value: Any) -> Any:
-        """Plain values, in which arrays of `KINDS` are stored here and others have become lists."""
+        """Plain values, in which arrays of `KINDS` are replaced by headers and other arrays by lists."""
         if isinstance(value, dict):
             return {name: self.placed(item) for name, item in value.items()}
         if isinstance(value, (list, tuple)):
@@ -127,7 +127,7 @@ class _Arrays:
         if not isinstance(value, np.ndarray) or value.dtype.name not in KINDS:
             return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
         header: dict[str, Any] = {"at": self.end, "kind": KINDS[value.dtype.name], "count": value.size}
-        if value.dtype == np.uint16:  # of frames, which change by little: kept as differences
+        if value.dtype == np.uint16:  # arrays over frames change little: they are stored as differences
             header["deltas"] = value[0].size
             value = np.concatenate([value[:1], value[1:] - value[:-1]])
         data = value.astype(value.dtype.newbyteorder("<")).tobytes()

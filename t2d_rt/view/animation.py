@@ -32,33 +32,33 @@ if TYPE_CHECKING:
 ENDINGS = ".gif", ".mp4"
 DPI = 100
 HEIGHT = 0.44
-"""Height of a picture over its width."""
+"""Height of a picture relative to its width."""
 SPEEDS = "RdYlBu_r"
-"""Colours of radial speeds: blue recedes, red approaches."""
+"""Colour map of radial speeds: blue for receding, red for approaching."""
 PAPER, FLOOR, EDGE, RADAR = (1.0, 1.0, 1.0), (0.80, 0.80, 0.80), (0.55, 0.55, 0.55), (0.1, 0.1, 0.1)
 LIGHT = np.array([0.3, 0.75, 0.6])
-"""Direction to the light in the picture's frame: right, towards the camera, up."""
+"""Direction towards the light in the picture's frame: right, towards the camera, up."""
 CAMERA_DEG = 32.0, 14.0
-"""Direction of the camera [deg]: about the vertical from the radar's side of the targets, and up."""
+"""Direction of the camera [deg]: azimuth about the vertical from the radar's side of the targets, and elevation."""
 MOST_FRAMES = 1500
-"""Pictures of one animation: those of a GIF are held in memory."""
+"""Greatest number of pictures in an animation; those of a GIF are held in memory."""
 FADED = 0.72
-"""Opacity of the white over what is still to come."""
+"""Opacity of the white that covers the part of the spectrogram still to come."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Stage:
-    """What moves and stands, in the picture's frame: right, towards the camera, up [m]."""
+    """What moves and what is static, in the picture's frame: right, towards the camera, up [m]."""
 
     faces: np.ndarray
     places: np.ndarray
-    """(frame, vertex, 3)."""
+    """Positions of the vertices in each frame, (frame, vertex, 3)."""
     speeds_mps: np.ndarray
-    """(frame, vertex), positive = approaching."""
+    """Radial speed of the vertices [m/s], (frame, vertex), positive = approaching."""
     fixed: np.ndarray
     """Points of lines, (N, 3)."""
     fixed_colours: np.ndarray
-    """(N, 3)."""
+    """Colours of these points, (N, 3)."""
 
 
 def animate(
@@ -79,7 +79,7 @@ def animate(
     """
     instance("recording", recording, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")
     target = check_animation(path, overwrite=overwrite)
-    width = integer("width_px", width_px, 300, 1920) // 2 * 2  # codecs want even sizes
+    width = integer("width_px", width_px, 300, 1920) // 2 * 2  # codecs need even sizes
     rate_hz = number("frames_hz", frames_hz, 1, 50, unit="Hz", hint="12.5 is usual")
     if recording.experiment is None:
         raise InputError("the recording was measured: who moved, and where, is not known; plot its maps")
@@ -104,7 +104,7 @@ def animate(
 
 
 def check_animation(path: str | Path, *, overwrite: bool) -> Path:
-    """Refuses a name for an animation that is none's, is taken, or cannot be written; gives the whole path."""
+    """A checked absolute path for an animation; refuses one with another ending, one that exists, or one that cannot be written."""
     target = file_path("path", path)
     check_file(target, "an animation", *ENDINGS, overwrite=flag("overwrite", overwrite))
     if target.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:
@@ -115,8 +115,8 @@ def check_animation(path: str | Path, *, overwrite: bool) -> Path:
 def _base(
     recording: Recording, width: int, title: str | None
 ) -> tuple[np.ndarray, tuple[int, ...], tuple[float, ...], tuple[float, float]]:
-    """The picture without what moves, (height, width, 3); the pixels of the room (top, bottom, left, right); top and bottom of the
-    chart [pixel], the columns of 0 s and of 1 s, and its right edge; and the speeds at its lower and upper end."""
+    """The background picture (height, width, 3). Also the pixels of the room (top, bottom, left, right); of the chart the top and
+    bottom [pixel], the columns of 0 s and of 1 s, and the right edge; and the speeds at its lower and upper end."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     figure = blank_figure(width / DPI, round(HEIGHT * width / 2) * 2 / DPI)
@@ -172,7 +172,7 @@ def _stage(model: Model, times_s: np.ndarray) -> _Stage:
 
 
 def _camera(boresight: np.ndarray) -> np.ndarray:
-    """Rows: to the right of the picture, towards the camera, up; the camera stands at the radar's side, to its right."""
+    """Rows are the directions right in the picture, towards the camera, and up. The camera is on the radar's side, to its right."""
     azimuth, up = np.radians(CAMERA_DEG)
     ahead = boresight * [1, 1, 0]
     ahead = ahead / np.linalg.norm(ahead) if np.linalg.norm(ahead) > 1e-6 else np.array([1.0, 0.0, 0.0])
@@ -184,7 +184,8 @@ def _camera(boresight: np.ndarray) -> np.ndarray:
 
 
 def _lines(model: Model, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points along the edges of the scene below the ceiling, or of a grid of metres on the ground, and of the radar; colours."""
+    """Points, with their colours, along the edges of the scene below the ceiling, or of a one-metre grid on the ground, and of the
+    radar."""
     radar = np.asarray(model.radar.position_m)
     low, high = (edge(np.concatenate([places.reshape(-1, 3), radar[None]]), axis=0) for edge in (np.min, np.max))
     if model.scene is not None:
@@ -216,7 +217,7 @@ def _lines(model: Model, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _along(segments: np.ndarray, step_m: float = 0.008) -> np.ndarray:
-    """Points (N, 3) along segments (E, 2, 3)."""
+    """Points (N, 3) along segments (E, 2, 3), at most `step_m` apart."""
     counts = np.ceil(np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1) / step_m).astype(int) + 1
     return np.concatenate(
         [a + np.linspace(0, 1, count)[:, None] * (b - a) for (a, b), count in zip(segments, counts, strict=True)]
@@ -231,7 +232,7 @@ def _pictures(
     chart: tuple[float, ...],
     speeds: tuple[float, float],
 ) -> Iterator[np.ndarray]:
-    """The pictures one after another, uint8 (height, width, 3)."""
+    """Yields the pictures one after the other, uint8 (height, width, 3)."""
     from matplotlib import colormaps
 
     top, bottom, left, right = room
@@ -256,7 +257,7 @@ def _pictures(
 
 
 def _with_cursor(picture: np.ndarray, chart: tuple[float, ...], time_s: float) -> np.ndarray:
-    """A line at the time, and a veil over what is still to come."""
+    """Draws a line at the current time, and a veil over the part still to come."""
     top, bottom, zero, one, right = chart
     now = round(zero + time_s * (one - zero))
     rows = slice(round(top) + 1, round(bottom))
@@ -292,7 +293,7 @@ def _write_mp4(pictures: Iterator[np.ndarray], path: Path, rate_hz: float) -> No
         "-r", f"{rate_hz:g}", "-i", "-", "-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "20", str(path),
     ]  # fmt: skip
     whole = False
-    with tempfile.TemporaryFile() as log:  # not a pipe, which a talkative ffmpeg would fill
+    with tempfile.TemporaryFile() as log:  # to a file, not a pipe, which long output of ffmpeg would fill
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process, suppress(BrokenPipeError):
             assert process.stdin is not None
             with process.stdin as entry:

@@ -1,4 +1,4 @@
-"""Contact sheets: skinned bodies over time, one row for each motion, drawn by a z-buffer of their own.
+"""Contact sheets: skinned bodies over time, one row for each motion, drawn with a z-buffer.
 
 Matplotlib's polygons in three dimensions take seconds for one body; here 64 bodies take about two.
 """
@@ -25,28 +25,29 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_CELLS = 2048
-"""Bodies on one sheet."""
+"""Greatest number of bodies on a sheet."""
 
 PIXELS_PER_M = 84
 OVERSAMPLING = 2
-"""The z-buffer has that many pixels along each side of a pixel of the sheet."""
+"""Pixels of the z-buffer along each side of a pixel of the sheet."""
 
 BELOW_M, LEAST_HEIGHT_M, LEAST_WIDTH_M, MARGIN_M, HEADROOM_M = 0.15, 2.0, 1.3, 0.12, 0.2
-"""What a cell shows under the floor, its least height over the floor and width, and what it leaves free at its sides and above."""
+"""Extent of a cell: depth that is shown below the floor, least height above the floor, least width, and margins at the sides and
+above [m]."""
 
 TRAVEL_M = 0.5
-"""Motions that get no farther are seen from the side of where the person faces at the beginning."""
+"""Motions that travel less than this [m] are seen relative to the direction that the person faces at the beginning."""
 
 COLOURS = {"": (0.80, 0.78, 0.74), "left": (0.42, 0.60, 0.85), "right": (0.88, 0.52, 0.42)}
-"""Colours of trunk and head, and of the limbs of either side."""
+"""Colours of trunk and head, and of the limbs on either side."""
 PAPER, FLOOR, LINE = 1.0, 0.93, 0.55
-"""Grey levels of what is above the floor and below it, and of the floor's line."""
+"""Grey levels above the floor, below it, and of the floor's line."""
 
 DPI, LABELS_IN, TITLE_IN = 160, 1.6, 0.35
-"""Pixels an inch of a sheet, and room for labels and for the title [inch]."""
+"""Pixels per inch of a sheet, and space for labels and for the title [inch]."""
 
 LIGHT = np.array([0.35, 0.80, 0.50])
-"""Direction to the light in the picture's frame: right, toward the camera, up."""
+"""Direction towards the light in the picture's frame: right, towards the camera, up."""
 
 
 def contact_sheet(
@@ -86,7 +87,7 @@ def contact_sheet(
 
 
 def _projected(motion: Motion, body: str, columns: int, view_deg: float) -> np.ndarray:
-    """Vertices (columns, V, 3): to the right of the picture, toward the camera, up [m]."""
+    """Vertices (columns, V, 3) in the picture's frame: right, towards the camera, up [m]."""
     ahead = _direction(motion)
     angle = math.radians(view_deg)
     camera = math.cos(angle) * ahead + math.sin(angle) * np.array([ahead[1], -ahead[0], 0.0])
@@ -95,7 +96,8 @@ def _projected(motion: Motion, body: str, columns: int, view_deg: float) -> np.n
 
 
 def _direction(motion: Motion) -> np.ndarray:
-    """Horizontal unit vector (3,) of the way from first to last place of the pelvis, or of what the body faces at first."""
+    """Horizontal unit vector (3,) from the first to the last position of the pelvis, or in the direction that the body faces at
+    first."""
     gone = (motion.joints[-1, 0] - motion.joints[0, 0]) * [1, 1, 0]
     if np.linalg.norm(gone) < TRAVEL_M:
         left, right = (motion.joints[0, motion.index(f"{side}_hip")] for side in ("left", "right"))
@@ -105,7 +107,7 @@ def _direction(motion: Motion) -> np.ndarray:
 
 
 def face_colours(body: str) -> np.ndarray:
-    """Colours (F, 3) of a body's faces by the side that moves them."""
+    """Colour (F, 3) of each face of a body, by the side of the limb that moves it."""
     form = template(body)
     carriers = form.weights[form.faces].sum(axis=1).argmax(axis=1)
     sides = [name.split("_")[0] if "_" in name and "collar" not in name else "" for name in CANONICAL_JOINTS]
@@ -113,7 +115,8 @@ def face_colours(body: str) -> np.ndarray:
 
 
 def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, size_m: tuple[float, float]) -> np.ndarray:
-    """One body as seen from the camera, (height, width, 3) in 0..1: `vertices` (V, 3) right, toward the camera, up."""
+    """Picture of a body as seen from the camera, (height, width, 3) in 0..1; `vertices` (V, 3) are right, towards the camera,
+    up."""
     scale = PIXELS_PER_M * OVERSAMPLING
     width, height = (OVERSAMPLING * math.ceil(PIXELS_PER_M * length_m) for length_m in (size_m[0], size_m[1] + BELOW_M))
     image = np.full((height, width, 3), PAPER)
@@ -134,19 +137,19 @@ def cell_image(vertices: np.ndarray, faces: np.ndarray, colours: np.ndarray, siz
 def drawn_into(
     image: np.ndarray, points: np.ndarray, colours: np.ndarray, scale: float, origin: tuple[float, float]
 ) -> np.ndarray:
-    """Points (N, 3), right, toward the camera, up [m], into an image (height, width, 3) of `scale` pixels a metre whose column and
-    row of the point 0 are `origin`; the image with a pixel for each square of OVERSAMPLING."""
+    """Draws points (N, 3), right, towards the camera, up [m], into an image (height, width, 3) with `scale` pixels per metre, in
+    which the point 0 is at column and row `origin`; returns it with squares of OVERSAMPLING averaged to one pixel."""
     height, width = image.shape[:2]
     column = np.floor(origin[0] + points[:, 0] * scale).astype(int)
     row = np.floor(origin[1] - points[:, 2] * scale).astype(int)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    order = np.argsort(points[inside, 1], kind="stable")  # far first: near ones are drawn over them
+    order = np.argsort(points[inside, 1], kind="stable")  # far points first, so that near ones are drawn over them
     image[row[inside][order], column[inside][order]] = colours[inside][order]
     return image.reshape(height // OVERSAMPLING, OVERSAMPLING, width // OVERSAMPLING, OVERSAMPLING, 3).mean(axis=(1, 3))
 
 
 def samples_of(corners: np.ndarray, spacing_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Points (N, 3) on triangles (F, 3, 3), at most `spacing_m` apart, and the triangle of each (N,)."""
+    """Points (N, 3) on triangles (F, 3, 3), at most `spacing_m` apart, and the index of the triangle of each, (N,)."""
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
     counts = np.maximum(np.ceil(longest / spacing_m), 1).astype(int)
     points, owners = [np.zeros((0, 3))], [np.zeros(0, int)]
@@ -168,7 +171,7 @@ def _figure(
     height, width = image.shape[0] / rows, image.shape[1] / columns
     wide, tall = image.shape[1] / DPI + LABELS_IN, image.shape[0] / DPI + TITLE_IN
     figure = blank_figure(wide, tall)
-    figure.set_layout_engine("none")  # labels stand outside of the axes, which a layout engine takes no notice of
+    figure.set_layout_engine("none")  # labels outside the axes, which a layout engine would ignore
     axes: Axes = figure.add_axes((1 - image.shape[1] / DPI / wide, 0, image.shape[1] / DPI / wide, 1 - TITLE_IN / tall))
     axes.imshow(image, interpolation="none", aspect="equal")
     for row, (label, instants) in enumerate(zip(labels, times, strict=True)):

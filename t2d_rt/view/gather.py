@@ -1,4 +1,4 @@
-"""What a page shows of a recording, as plain values and arrays: bodies and room in time, paths, truth, maps."""
+"""Collects what a page shows of a recording, as plain values and arrays: bodies and room in time, paths, truth, maps."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
 
 FRAMES_HZ, MAPS_HZ = 25.0, 12.5
-"""Rates of bodies, their speeds and paths, and of range-Doppler maps."""
+"""Rates of bodies with their speeds and paths, and of range-Doppler maps [Hz]."""
 MOST_FRAMES, MOST_MAPS, MOST_PLACES = 1500, 750, 3_000_000
-"""Most frames and maps, of which long recordings have fewer a second, and most places of one target's vertices."""
+"""Greatest numbers of frames and of maps (long recordings get lower rates), and of vertex positions of one target."""
 LEVELS_DB = 80.0
-"""A map's levels are kept down to that far below the peak."""
+"""Levels of a map are stored down to this far below the peak [dB]."""
 WEAKEST_DB, MOST_PATHS = 50.0, 150
-"""Paths that are kept: those that come as near to the strongest one at any time, and so many at most."""
+"""Paths are stored if they come this close to the strongest one [dB] at any time; greatest number of them."""
 AT_ONCE = 25
-"""Frames whose vertices are worked out together."""
+"""Number of frames whose vertices are computed at once."""
 
 
 def gathered(recording: Recording) -> dict[str, Any]:
-    """All of one recording; where there is nothing to show in three dimensions, `why_no_room` says why in a sentence."""
+    """Everything about one recording; where there is nothing to show in three dimensions, `why_no_room` is a sentence that says
+    why."""
     contents: dict[str, Any] = {
         "radar": _radar(recording.radar),
         "caption": _caption(recording),
@@ -60,7 +61,7 @@ def gathered(recording: Recording) -> dict[str, Any]:
 
 
 def _caption(recording: Recording) -> str:
-    """Simulated or measured, where the radar stands, its band and the scene, in a line."""
+    """A line on the recording: simulated or measured, position of the radar, its band and the scene."""
     radar, experiment = recording.radar, recording.experiment
     low, high = sorted((radar.carrier_hz, radar.carrier_hz + radar.slope_hz_per_s * radar.sweep_time_s))
     place = ", ".join(
@@ -86,7 +87,7 @@ def _why_no_room(recording: Recording) -> str | None:
 
 
 def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
-    """Targets, their parts with speeds and ranges, the scene and the paths through it, over a model's record."""
+    """Targets, their parts with speeds and ranges, the scene and the paths in it, over the record of a model."""
     span_s = model.span_s
     rate_hz = min(FRAMES_HZ, MOST_FRAMES / (span_s[1] - span_s[0]))
     frames_s = record_times(span_s, rate_hz)
@@ -109,7 +110,7 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
             for part, extent in zip(own_parts, extents, strict=True)
         ]
         targets.append({"name": name, "first": len(parts) - len(own_parts), "parts": len(own_parts), **body})
-    contact = truth.contact.values.any(axis=-1)  # heel or ball
+    contact = truth.contact.values.any(axis=-1)  # contact of heel or ball
     feet = (
         {side: contact[0, :, k].astype(np.uint8) for k, side in enumerate(truth.foot.values.tolist())}
         if people
@@ -134,7 +135,7 @@ def room(model: Model, accuracy: Accuracy) -> dict[str, Any]:
 
 
 def _moving(model: Model, number: int, person: Person | None, parts: int, frames_s: np.ndarray) -> dict[str, Any]:
-    """A target's triangles, the place of their vertices at each of the frames or at each few, and the part of each vertex."""
+    """A target's triangles, the positions of their vertices at every frame or every few frames, and the part of each vertex."""
     geometry = model.geometries[number]
     solid = geometry.solid()
     stride = math.ceil(solid.vertices * len(frames_s) / MOST_PLACES)
@@ -166,7 +167,8 @@ def _moving(model: Model, number: int, person: Person | None, parts: int, frames
 def _extents(
     model: Model, number: int, owner: np.ndarray, parts: int, frames_s: np.ndarray
 ) -> list[dict[str, np.ndarray]]:
-    """For each part of a target the speeds of its slowest and fastest vertex [m/s], the ranges of its nearest and farthest [m]."""
+    """For each part of a target, the speeds of its slowest and fastest vertex [m/s], and the ranges of its nearest and farthest one
+    [m]."""
     solid = model.geometries[number].solid()
     order = np.argsort(owner, kind="stable")
     present, starts = np.unique(owner[order], return_index=True)
@@ -180,7 +182,7 @@ def _extents(
 
 
 def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
-    """The segments of a person; the feet of the first one are those whose speeds are drawn."""
+    """The segments of a person; for the `first` one the speeds of the feet are drawn."""
     parts = []
     for number, name in enumerate(SEGMENTS):
         side, _, part = name.rpartition("_")
@@ -199,7 +201,7 @@ def _segments(truth: xr.Dataset, first: bool) -> list[dict[str, Any]]:
 
 
 def _loose(model: Model, number: int, truth: xr.Dataset, frames_s: np.ndarray) -> list[dict[str, Any]]:
-    """What is no person: each of a few ellipsoids of its own, all else as one part."""
+    """Targets that are no persons: a few ellipsoids each as a part of its own, anything else as a single part."""
     geometry, name = model.geometries[number], str(truth.target.values[number])
     curves = [(name, truth.speed_mps.values[number], truth.range_m.values[number])]
     if isinstance(geometry, Ellipsoids) and 1 < len(geometry.names) <= 60:
@@ -226,11 +228,11 @@ def _surfaces(scene: Scene | None) -> list[dict[str, Any]]:
 
 
 def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, Any]:
-    """Triangles and edges of a surface; of one that closes the scene off, the side on which the scene is."""
+    """Triangles and edges of a surface; for one that bounds the scene, the side on which the scene lies."""
     inward, offset = [0.0, 0.0, 0.0], 0.0
     for axis in range(3):
         for side, place in ((1.0, low[axis]), (-1.0, high[axis])):
-            # A wall, a floor or a ceiling lies as near to a side of the box around a scene.
+            # walls, floor and ceiling lie close to a side of the scene's bounding box
             if np.abs(surface.vertices[:, axis] - place).max() < 0.05:
                 inward, offset = [side if k == axis else 0.0 for k in range(3)], side * float(place)
     return {
@@ -245,7 +247,7 @@ def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, A
 
 
 def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
-    """Corners of what is looked at: targets and radar with a metre around them, in a room of up to 15 m all of it."""
+    """Corners of the visible space: targets and radar with a margin of a metre, or all of a room of up to 15 m."""
     radar = np.asarray(model.radar.position_m)
     low = np.min([radar, *(target["low"] for target in targets)], axis=0)
     high = np.max(
@@ -261,8 +263,8 @@ def _bounds(model: Model, targets: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _paths(table: xr.Dataset, pairs: list[PathPair]) -> list[dict[str, Any]]:
-    """The paths of a table that matter, strongest first, with the images of the antennas, from which a point's range and speed over
-    each follow, and the range that slabs add."""
+    """The relevant paths of a table, strongest first, with the images of the antennas (from which range and speed of any point over
+    each path follow) and the range that slabs add."""
     levels = table.level_dbm.values
     best = levels.max(axis=2)
     paths: list[dict[str, Any]] = []
@@ -295,7 +297,7 @@ def _radar(radar: Radar) -> dict[str, Any]:
 
 
 def _beam(radar: Radar) -> list[float] | None:
-    """Widths between half powers of the way out and back, across and up [deg]; None where it is as strong all around."""
+    """Half-power beamwidths of the two-way pattern, horizontal and vertical [deg]; None where the pattern is isotropic."""
     angles = np.radians(np.arange(0.0, 90.0, 0.25))
     widths = []
     for across in (1, 2):
@@ -315,7 +317,7 @@ def _beam(radar: Radar) -> list[float] | None:
 
 
 def maps(recording: Recording) -> dict[str, Any]:
-    """Spectrogram, range over time, and range-Doppler maps at `MAPS_HZ`, in 8 bits, as far as they hold anything."""
+    """Spectrogram, range over time, and range-Doppler maps at `MAPS_HZ`, in 8 bits, cropped to where there is anything."""
     spectrogram, range_time = recording.spectrogram, recording.range_time
     start_s, end_s = (float(spectrogram.time_s[place]) for place in (0, -1))
     times_s = np.arange(start_s, end_s + 1e-9, max(1 / MAPS_HZ, (end_s - start_s) / MOST_MAPS))
@@ -333,7 +335,7 @@ def maps(recording: Recording) -> dict[str, Any]:
 
 
 def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns at even times: those of bursts stand until the next one is nearer."""
+    """Columns at evenly spaced times; each shows the nearest of the given columns, such as those of bursts."""
     steps = np.diff(time_s)
     if len(steps) < 2 or np.ptp(steps) < 0.01 * steps.min():
         return time_s, power_db
@@ -342,8 +344,8 @@ def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np.ndarray]) -> dict[str, Any]:
-    """Levels (frame, up, across) as 0..255 from `LEVELS_DB` below the peak, of the part that rises above 60 dB below it."""
-    # -300 dB is what silence reads.
+    """Levels (frame, up, across) as 0..255 over `LEVELS_DB` below the peak, cropped to where they exceed 60 dB below it."""
+    # silence is -300 dB
     peak = max(float(power_db.max()), -300.0 + LEVELS_DB)
     axes: dict[str, Any] = {}
     windows = []
@@ -368,8 +370,8 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
 
 
 def on_one_scale(recordings: list[dict[str, Any]]) -> None:
-    """Brings the maps of several recordings to the levels of the strongest of each kind, so that colours compare; parts of one name
-    get one colour."""
+    """Rescales the maps of several recordings to the peak of the strongest of each kind, so that colours can be compared; parts of
+    the same name get the same colour."""
     coloured([recording["split"] for recording in recordings if "names" in recording.get("split", ())])
     for kind in {name for recording in recordings for name in recording["maps"]}:
         images: list[dict[str, Any]] = [

@@ -1,4 +1,5 @@
-"""The parts of a recording as a page shows them: their levels in each cell, how they add up, and what of the scene they are."""
+"""The parts of a recording as a page shows them: their levels in each cell, how they add up, and which part of the scene they
+are."""
 
 from __future__ import annotations
 
@@ -35,22 +36,22 @@ if TYPE_CHECKING:
     from t2d_rt.recording.recording import Recording
 
 MOST_PARTS = 22
-"""Parts of a page; of more the strongest ones, and the rest of the recording as one."""
+"""Greatest number of parts on a page; if there are more, the strongest ones are shown and the rest of the recording as one part."""
 COLUMNS_OF_PARTS = 2800
-"""Columns of all parts together: of a long record fewer are kept than its spectrogram has."""
+"""Greatest number of columns of all parts together; for long records this is less than the spectrogram has."""
 LEVELS_DB = 80.0
-"""Levels are kept down to that far below the strongest cell of all."""
+"""Levels are stored down to this far below the strongest cell of all [dB]."""
 SHOWN_DB, APART_DB = 80.0, 50.0
-"""Products of two parts are kept where both are that near to the strongest cell, and to one another."""
+"""Products of two parts are stored where both are this close to the strongest cell, and this close to one another [dB]."""
 SAMPLED, EVERY = 24, 16
-"""Instants, and one of so many samples, by which the strongest parts are found."""
+"""The strongest parts are found at so many instants, from every n-th sample."""
 NONE = 255
-"""The number of no part."""
+"""Index that stands for no part."""
 COLOURS = (
     "#ff6b6b", "#4fc3f7", "#ffe119", "#3cb44b", "#f58231", "#b07cff", "#42d4b0", "#f032e6", "#bfef45", "#fabed4", "#7d9bff",
     "#d2a679", "#1fc7c7", "#ff8f80", "#a9a957", "#9fb6ff", "#ff5fb0", "#7fbf7f", "#ffd8b1", "#aaffc3", "#b79be0", "#e0c341",
 )  # fmt: skip
-"""Colours of the parts in their order, far apart for neighbours."""
+"""Colours of the parts in order; neighbours are far apart."""
 SEGMENT_COLOURS = {
     "head": "#f4f4f4", "neck": "#c9b8d6", "chest": "#9a8cff", "abdomen": "#6f79d8", "pelvis": "#c77dff",
     "left_upper_arm": "#d7ccb0", "left_forearm": "#c2a878", "left_hand": "#fff3b0",
@@ -58,15 +59,15 @@ SEGMENT_COLOURS = {
     "left_thigh": "#ff9ec4", "left_shank": "#f0412e", "left_foot": "#ff8c42",
     "right_thigh": "#a6e88f", "right_shank": "#22c55e", "right_foot": "#56b4e9",
 }  # fmt: skip
-"""Colours of a body's segments: its left leg in warm colours, its right one in cold ones."""
+"""Colours of a body's segments: warm colours for the left leg, cold ones for the right."""
 REST = "#8a8f98"
-"""Colour of the rest, and of what stands still."""
+"""Colour of the rest, and of static things."""
 
 
 def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, Any] | None:
     """Levels and products of a recording's parts in the rows of a page's `spectrogram`, at some of its columns; None without parts.
 
-    A sum of parts has the power sum_p P_p + 2 sum_p<q r_pq sqrt(P_p P_q), where r_pq is what two of them have in common.
+    A sum of parts has the power sum_p P_p + 2 sum_p<q r_pq sqrt(P_p P_q), where r_pq is the correlation of two parts.
     """
     cubes = recording.parts.cubes
     if not cubes:
@@ -104,7 +105,7 @@ def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, 
 
 
 def _strongest(cubes: dict[str, DiskCube], *, fixed: bool) -> tuple[list[str], list[DiskCube]]:
-    """At most `MOST_PARTS` parts, in their order: those with the most energy, which `fixed` counts without what stands."""
+    """At most `MOST_PARTS` parts, in their order: those with the greatest energy, which includes static echoes only if `fixed`."""
     if len(cubes) <= MOST_PARTS + 1:
         return list(cubes), list(cubes.values())
     count = len(next(iter(cubes.values())))
@@ -123,9 +124,9 @@ def _rows(velocity_mps: np.ndarray, axis: dict[str, Any]) -> slice:
 
 
 def _column(spectra: SpectraOfParts, column: int, *, whole: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Powers of the parts and products of each two of them [W], float32 (part, part, row), and their peaks (3, part)."""
+    """Powers of the parts and products of each pair of them [W], float32 (part, part, row), and their peaks (3, part)."""
     cells = spectra.at(column)
-    if whole:  # the last one, in place of which the rest of it stands
+    if whole:  # the last cube is the whole, which is replaced by the rest
         cells[-1] -= cells[:-1].sum(axis=0)
     flat = np.ascontiguousarray(cells.reshape(*cells.shape[:2], -1).swapaxes(0, 1)).view(np.float32)
     peaks = spectra.peaks(column, cells) if spectra.fast.by_samples else np.full((3, len(cells)), np.nan, np.float32)
@@ -133,7 +134,7 @@ def _column(spectra: SpectraOfParts, column: int, *, whole: bool) -> tuple[np.nd
 
 
 def _levels(products: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
-    """Levels in 16 bits, and products of two parts where they matter, cell by cell, as numbers from 1 to 65535 for -1..1."""
+    """Levels in 16 bits, and products of pairs of parts where they matter, cell by cell, as numbers from 1 to 65535 for -1..1."""
     powers = np.einsum("iijk->ijk", products)
     levels_db, amplitudes = decibel(powers), np.sqrt(powers, dtype=float)
     peak = max(float(levels_db.max()), float(whole_db.max()))
@@ -161,12 +162,12 @@ def _levels(products: np.ndarray, whole_db: np.ndarray) -> dict[str, Any]:
 
 
 def _in_16_bits(levels_db: np.ndarray, peak_db: float) -> np.ndarray:
-    """0 at `LEVELS_DB` below the peak and less, 65535 at it."""
+    """Levels as 16-bit numbers: 0 at `LEVELS_DB` below the peak or less, 65535 at the peak."""
     return np.round(np.clip(levels_db - peak_db + LEVELS_DB, 0, LEVELS_DB) * (65535 / LEVELS_DB)).astype(np.uint16)
 
 
 def coloured(splits: Sequence[dict[str, Any]]) -> None:
-    """Gives the parts of a page's recordings their colours, (part, 3): a body's segments their own, all others in turn."""
+    """Assigns colours (part, 3) to the parts of a page's recordings: fixed ones to a body's segments, others in turn."""
     names = list(dict.fromkeys(name for split in splits for name in split["names"]))
     segments = [name.rpartition(": ")[2] for name in names]
     colours = dict.fromkeys((labels.STATIC, labels.BETWEEN, labels.UNLABELLED), REST)
@@ -182,7 +183,7 @@ def coloured(splits: Sequence[dict[str, Any]]) -> None:
 
 
 def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
-    """The part of each vertex of a target, by its segment, its piece or the whole target; `NONE` where it has none."""
+    """Index of the part of each vertex of a target, by its segment, its piece or the whole target; `NONE` where it has none."""
     geometry = model.geometries[number]
     solid, place = geometry.solid(), {name: k for k, name in enumerate(names)}
     by_ellipsoid = isinstance(geometry, Ellipsoids)
@@ -198,27 +199,29 @@ def tints(model: Model, number: int, names: Sequence[str]) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpectraOfParts:
-    """Short-time spectra of cubes that add up to one, at some columns of their spectrograms: complex, so that they may be added."""
+    """Short-time spectra of cubes that add up to a whole, at some columns of the spectrogram; complex, so that they can be
+    added."""
 
     cubes: Sequence[Any]
     radar: Radar
     fast: FastTime
     starts: np.ndarray
-    """First chirps of the columns' windows."""
+    """First chirps of the columns' windows, (column,)."""
     transform: np.ndarray
-    """Window and Fourier transform to the speeds that are kept, complex64 (velocity, chirp)."""
+    """Window and Fourier transform to the speeds that are shown, complex64 (velocity, chirp)."""
     step: int
-    """One of so many samples is read. Powers of single cubes are exact with it, products of two nearly so."""
+    """Only every `step`-th sample is read. Powers of single cubes are exact with it, products of two nearly so."""
     means: np.ndarray | None
-    """Mean chirps, (cube, antenna, sample), where MTI takes them away."""
+    """Mean chirps, (cube, antenna, sample), where MTI removes them; else None."""
     velocity_mps: np.ndarray
-    """Velocities of the rows [m/s], (velocity,)."""
+    """Speeds of the rows [m/s], (velocity,)."""
 
     @classmethod
     def of(
         cls, cubes: Sequence[Any], radar: Radar, rows: slice, most: int, processing: Mapping[str, Any]
     ) -> SpectraOfParts:
-        """At `most` columns and some rows of the spectrogram that `processing` makes: mti none or mean, and no radar with "ddm"."""
+        """Spectra at `most` columns and some rows of the spectrogram with options `processing`; mti must be none or mean, and the
+        radar not use "ddm"."""
         chosen = {name: parameter.default for name, parameter in inspect.signature(spectrogram).parameters.items()}
         chosen |= dict(processing)
         radar, chirps = radar.separated, len(cubes[0])
@@ -231,7 +234,7 @@ class SpectraOfParts:
             min(sample_step(cube, chosen["range_window"], 0, chirps) for cube in cubes) if fast.by_samples else 1
         )
         step = max(divisor for divisor in range(1, most_step + 1) if radar.samples % divisor == 0)
-        cycles = np.outer(np.fft.fftshift(np.fft.fftfreq(n_fft))[::-1][rows], np.arange(n_window))  # ascending speeds
+        cycles = np.outer(np.fft.fftshift(np.fft.fftfreq(n_fft))[::-1][rows], np.arange(n_window))  # ascending speed
         weights = taper(chosen["window"], n_window, periodic=True) / math.sqrt(fast.bandwidth_bins * cubes[0].shape[1])
         return cls(
             cubes=cubes,
@@ -251,7 +254,8 @@ class SpectraOfParts:
         return self.radar.chirp_starts_s(len(self.cubes[0]))[self.starts] + half_s
 
     def at(self, column: int) -> np.ndarray:
-        """Spectra [sqrt(W)] (cube, velocity, antenna, cell) of one column; powers of cells add up to that of the spectrogram."""
+        """Spectra [sqrt(W)] (cube, velocity, antenna, cell) of one column; the powers of all cells add up to that of the
+        spectrogram."""
         start, count, spectra_of_cubes = int(self.starts[column]), self.transform.shape[1], []
         steady = self.transform.sum(axis=1)[:, None, None]
         for place, cube in enumerate(self.cubes):
@@ -266,8 +270,8 @@ class SpectraOfParts:
         return np.stack(spectra_of_cubes)
 
     def peaks(self, column: int, spectra: np.ndarray) -> np.ndarray:
-        """Range [m], speed [m/s] and power [W] of each cube's strongest cell of the range-Doppler map at a column, (3, cube); NaN
-        of cubes that are kept as samples. All bins must be used (`fast.by_samples`)."""
+        """Range [m], speed [m/s] and power [W] of the strongest cell of each cube in the range-Doppler map at a column, (3, cube);
+        NaN for cubes that are stored as samples. All bins must be used (`fast.by_samples`)."""
         from scipy import fft
 
         start, count = int(self.starts[column]), self.radar.samples // self.step
@@ -277,7 +281,7 @@ class SpectraOfParts:
         for number, (cube, power) in enumerate(zip(self.cubes, powers, strict=True)):
             if isinstance(cube, DiskCube) and isinstance(cube.rows, ProductRows):
                 row, place = np.unravel_index(power.argmax(), power.shape)
-                if self.step > 1:  # bins repeat: that one is meant which is the first from the least beat on
+                if self.step > 1:  # bins are periodic: the first one from the least beat frequency on is meant
                     low, _ = cube.rows.phases(start, start + self.transform.shape[1])
                     first = low / np.pi * self.radar.samples / (self.radar.samples - 1) - 1
                     place += math.ceil((first - place) / count) * count
@@ -287,7 +291,8 @@ class SpectraOfParts:
 
 
 def mean_chirp(adc: Any) -> np.ndarray:
-    """Mean of a cube (chirp, antenna, sample) over its chirps, complex64; of one that holds products by these."""
+    """Mean of a cube (chirp, antenna, sample) over its chirps, complex64; computed from the products where the cube stores
+    these."""
     if isinstance(adc, DiskCube) and isinstance(adc.rows, ProductRows):
         return (adc.rows.column_sums() / len(adc)).astype(np.complex64)
     blocks = (np.asarray(adc[start : start + PIECE]) for start in range(0, len(adc), PIECE))

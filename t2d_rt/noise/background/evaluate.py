@@ -1,4 +1,5 @@
-"""How near sampled backgrounds come to recorded ones: Doppler profiles, levels, autocorrelation in time, and a classifier."""
+"""Compares sampled backgrounds with recorded ones: Doppler profiles, levels, autocorrelation in time, and a two-sample
+classifier."""
 
 from __future__ import annotations
 
@@ -13,39 +14,41 @@ from t2d_rt.noise.background.model import BackgroundModel, Codes
 from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 
 PATCH_COLUMNS = 32
-"""Columns of a patch that the classifier judges."""
+"""Number of columns in a patch, the unit that the classifier judges."""
 BANDS = 32
-"""Doppler bands of a patch."""
+"""Number of Doppler bands in a patch."""
 FOLDS = 4
 RIDGE = 1.0
 """Weight of the squared coefficients of the logistic regression."""
 LONGEST_LAG = 64
 QUANTILES = 2000
 SAMPLES = 4
-"""Fewer would tell how a few samples happen to differ."""
+"""Number of samples for each record; with fewer the result would depend on which samples were drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distances:
-    """How far one set of spectrograms is from another."""
+    """Distances between two sets of spectrograms."""
 
     profile_db: float
-    """Root mean square over Doppler bins of the difference of mean levels [dB]. Mean powers would tell which few
-    records have a mover of just that speed."""
+    """Root mean square, over Doppler bins, of the difference of mean levels [dB]. Mean powers would be dominated by the few records
+    with a mover of just that speed."""
     profiles_db: float
-    """Wasserstein-1 distance of the distributions of a bin's mean level in patches, mean over the bins [dB]: profiles vary."""
+    """Wasserstein-1 distance between the distributions of a bin's mean level in patches, averaged over the bins [dB]; it measures
+    how much profiles vary."""
     levels_db: float
-    """Wasserstein-1 distance of the distributions of the cells' levels, mean over Doppler bands [dB]."""
+    """Wasserstein-1 distance between the distributions of the cells' levels, averaged over Doppler bands [dB]."""
     autocorrelation: float
-    """Root mean square over lags and bands of the difference of the autocorrelations of the levels in time."""
+    """Root mean square, over lags and bands, of the difference of the autocorrelations of the levels in time."""
     classifier: float
-    """Accuracy of a logistic regression that tells patches of the two apart, on records that it has not seen; 0.5 is chance."""
+    """Accuracy of a logistic regression that distinguishes patches of both sets, on records that it was not fitted to; 0.5 is
+    chance."""
 
 
 def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> Distances:
-    """How far two sets of spectrograms are apart, each [dB] (velocity, time) relative to the noise floor.
+    """Distances between two sets of spectrograms, each (velocity, time) [dB] relative to the noise floor.
 
-    Raises InputError where a set has fewer than two, or one is shorter than a patch.
+    Raises InputError where a set has fewer than two spectrograms, or one is shorter than a patch.
     """
     for name, spectrograms in (("recorded", recorded), ("sampled", sampled)):
         if len(spectrograms) < 2 or min(spectrogram.shape[1] for spectrogram in spectrograms) < PATCH_COLUMNS:
@@ -66,8 +69,8 @@ def distances(recorded: Sequence[np.ndarray], sampled: Sequence[np.ndarray]) -> 
 def evaluation(
     model: BackgroundModel, recorded: Sequence[BackgroundRecord], *, seed: int = 0
 ) -> dict[str, tuple[Distances, float | None]]:
-    """Distances from held-out records, and perplexity of the codes, of samples of the learned prior, of uniform codes and of white
-    Gaussian noise of equal power; SAMPLES of each for every record, as long as that."""
+    """Distances from held-out records, and perplexity of the codes: for samples of the learned prior, of uniformly drawn codes, and
+    of white Gaussian noise of equal power. There are SAMPLES of each kind for every record, of the same length."""
     if not common_grid(list(recorded)).same_as(model.grid):
         raise InputError(
             f"the recordings have {recorded[0].grid}, the model {model.grid}; process them as those it was trained on"
@@ -87,7 +90,8 @@ def evaluation(
 
 
 def perplexity(codes: np.ndarray, size: int) -> float:
-    """exp(entropy) of the codes (step, head), the geometric mean over the heads: how many codes are in even use."""
+    """Perplexity exp(entropy) of the codes (step, head), as the geometric mean over the heads: the number of codes that are
+    effectively in use."""
     entropies = []
     for head in codes.T:
         frequency = np.bincount(head, minlength=size) / len(head)
@@ -97,18 +101,18 @@ def perplexity(codes: np.ndarray, size: int) -> float:
 
 
 def gaussian_noise(like: Sequence[np.ndarray], rng: np.random.Generator) -> list[np.ndarray]:
-    """Levels [dB] of white complex Gaussian noise, one look in each cell, whose mean power is that of `like`."""
+    """Levels [dB] of white complex Gaussian noise with one look in each cell and the mean power of `like`."""
     power_db = 10 * np.log10(np.mean([np.mean(10 ** (level_db / 10)) for level_db in like]))
     return [power_db + 10 * np.log10(rng.exponential(size=level_db.shape) + 1e-12) for level_db in like]
 
 
 def _profile(records: Sequence[np.ndarray]) -> np.ndarray:
-    """Mean level of each bin [dB], records counting alike."""
+    """Mean level of each bin [dB]; all records have the same weight."""
     return np.asarray(np.mean([record.mean(axis=1) for record in records], axis=0))
 
 
 def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    """Distance of the distributions of a bin's mean level in patches."""
+    """Distance between the distributions of a bin's mean level in patches [dB]."""
     first_levels, second_levels = (
         np.concatenate([_patches(level).mean(axis=2) for level in levels], axis=1) for levels in (first, second)
     )
@@ -116,31 +120,32 @@ def _profiles_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]
 
 
 def _levels_distance(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    """Distance of the distributions of the cells' levels in each Doppler band."""
+    """Distance between the distributions of the cells' levels in each Doppler band [dB]."""
     return _mean_wasserstein(_banded(first), _banded(second))
 
 
 def _mean_wasserstein(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    """Wasserstein-1 distance of each pair of sets of numbers, the mean difference of their quantiles; mean over the pairs."""
+    """Wasserstein-1 distance between the sets of numbers in each pair, which is the mean difference of their quantiles; averaged
+    over the pairs."""
     at = (np.arange(QUANTILES) + 0.5) / QUANTILES
     pairs = zip(first, second, strict=True)
     return float(np.mean([np.mean(np.abs(np.quantile(row, at) - np.quantile(other, at))) for row, other in pairs]))
 
 
 def _patches(record: np.ndarray) -> np.ndarray:
-    """A record cut into patches of `PATCH_COLUMNS` columns, (velocity, patch, column); what is left at its end is left out."""
+    """A record divided into patches of `PATCH_COLUMNS` columns, (velocity, patch, column); a shorter remainder is dropped."""
     count = record.shape[1] // PATCH_COLUMNS
     return record[:, : count * PATCH_COLUMNS].reshape(len(record), count, PATCH_COLUMNS)
 
 
 def _banded(records: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """All cells of each Doppler band."""
+    """All cells of each Doppler band, over all records."""
     cells = np.concatenate(records, axis=1)
     return [band.ravel() for band in np.array_split(cells, min(BANDS, len(cells)))]
 
 
 def _autocorrelation(records: Sequence[np.ndarray], lags: int) -> np.ndarray:
-    """Autocorrelation in time of the levels about their mean over all records, mean over the bins of a band, (band, lag)."""
+    """Autocorrelation in time of the levels about their mean over all records, averaged over the bins of a band, (band, lag)."""
     mean = np.mean([record.mean(axis=1) for record in records], axis=0)[:, None]
     correlation = np.zeros((len(mean), lags))
     for record in records:
@@ -152,7 +157,8 @@ def _autocorrelation(records: Sequence[np.ndarray], lags: int) -> np.ndarray:
 
 
 def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray]) -> float:
-    """Accuracy, both sets counting alike, of a logistic regression on features of patches; records are never on both sides."""
+    """Accuracy, with equal weight of both sets, of a logistic regression on features of patches; patches of a record are either all
+    fitted to or all tested on."""
     features = [_features(levels) for levels in (*first, *second)]
     labels = [np.full(len(feature), float(k >= len(first))) for k, feature in enumerate(features)]
     fold = np.r_[np.arange(len(first)) % FOLDS, np.arange(len(second)) % FOLDS]
@@ -170,7 +176,8 @@ def two_sample_accuracy(first: Sequence[np.ndarray], second: Sequence[np.ndarray
 
 
 def _features(record: np.ndarray) -> np.ndarray:
-    """Features of each patch, (patch, feature): mean, spread and correlation between columns of the levels in each Doppler band."""
+    """Features of each patch, (patch, feature): mean, standard deviation and correlation between columns of the levels in each
+    Doppler band."""
     rows = []
     for band in np.array_split(_patches(record), min(BANDS, len(record))):
         mean = band.mean(axis=(0, 2))
@@ -182,7 +189,7 @@ def _features(record: np.ndarray) -> np.ndarray:
 
 
 def _regression(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Coefficients and constant of a logistic regression with a ridge."""
+    """Coefficients and constant of a logistic regression with ridge penalty."""
     from scipy.optimize import minimize
 
     design = np.c_[x, np.ones(len(x))]
@@ -194,7 +201,7 @@ def _regression(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _loss(weights: np.ndarray, design: np.ndarray, sign: np.ndarray, balance: np.ndarray) -> tuple[float, np.ndarray]:
-    """Loss of the regression and its gradient."""
+    """Loss of the logistic regression, and its gradient."""
     margin = sign * (design @ weights)
     value = np.sum(balance * np.logaddexp(0, -margin)) + RIDGE / 2 * np.sum(weights[:-1] ** 2)
     slope = -design.T @ (balance * sign * np.exp(-np.logaddexp(0, margin))) + RIDGE * np.r_[weights[:-1], 0]

@@ -1,4 +1,4 @@
-"""A background model: what was learned of recordings in which nobody moves, its file, and samples of any length."""
+"""A background model learned from recordings in which nobody moves: its file, and samples of any length."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ from t2d_rt.noise.background.speckle import BINS, LAGS, gaussian_field, speckle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Background:
-    """A spectrogram of a scene in which nobody moves, relative to its noise floor, and the level of that."""
+    """A spectrogram of a scene in which nobody moves, relative to its noise floor, and the level of that noise floor."""
 
     power: np.ndarray
-    """Relative to the noise floor, float32 (velocity, time)."""
+    """Power relative to the noise floor, float32 (velocity, time)."""
     grid: Grid
     level_db: float
-    """The noise floor of one of the recordings that it was learned from [dB re 1 W]."""
+    """Noise floor of one of the recordings that the model was trained on [dB re 1 W]."""
     calibrated: bool
-    """Whether that level is in W at the ADC."""
+    """Whether that level is calibrated, that is relative to 1 W at the ADC."""
     codes: np.ndarray
-    """The codes that it was decoded from (step, head)."""
+    """The codes from which it was decoded, (step, head)."""
 
     def power_w(self, level_db: float | None = None) -> np.ndarray:
-        """Power [W], float32 (velocity, time), of a noise floor of that level [dB re 1 W], by default of its own."""
+        """Power [W], float32 (velocity, time), for a noise floor at that level [dB re 1 W], by default its own."""
         if level_db is None and not self.calibrated:
             raise InputError(
                 "this background was learned from recordings whose samples are not in sqrt(W), so that its own level means "
@@ -70,11 +70,13 @@ def add_background(spectrogram_power: Any, background: Background, level_db: flo
 
 
 WIDEST = 2.0
-"""Greatest factor by which bins, and columns, may be wider or narrower: beyond it windows blur or split what moves."""
+"""Greatest ratio of the widths of Doppler bins, and of columns, for which the model is interpolated: beyond it windows would blur
+or split moving targets."""
 
 
 def step_ratio(own: Grid, grid: Grid) -> float:
-    """Columns of a model for each column that is wanted; an InputError where the axes cannot be had from the model's."""
+    """Number of the model's columns per column of the requested axes; raises InputError where these axes cannot be interpolated
+    from the model's."""
     columns = grid.time_step_s / own.time_step_s
     bins = grid.bin_mps / own.bin_mps
     speeds, reach = grid.velocity_mps, own.velocity_mps
@@ -90,22 +92,22 @@ def step_ratio(own: Grid, grid: Grid) -> float:
 def resampled(
     mean: np.ndarray, looks: np.ndarray, time: np.ndarray, doppler: np.ndarray, own: Grid, grid: Grid, columns: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Mean [nat] and looks on the wanted axes, and the speckle's correlations at their steps; all interpolated linearly.
+    """Mean [nat] and looks on the requested axes, and the correlations of the speckle at their steps, all interpolated linearly.
 
-    That a window of another length has other looks is left out.
+    The number of looks of windows of another length is not accounted for.
     """
     at = np.arange(columns) * grid.time_step_s / own.time_step_s
     speeds = np.clip((grid.velocity_mps - own.velocity_mps[0]) / own.bin_mps, 0, len(mean) - 1)
     both = np.stack([between(between(values, at, 1), speeds, 0) for values in (mean, looks)])
     steps = np.arange(time.shape[1]) * grid.time_step_s / own.time_step_s
-    ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are kept there is no correlation
+    ending = np.pad(time, ((0, 0), (0, 1)))  # beyond the lags that are stored the correlation is zero
     lags = between(between(ending, np.minimum(steps, time.shape[1]), 1), speeds, 0)
     bins = np.interp(np.arange(len(doppler)) * grid.bin_mps / own.bin_mps, np.arange(len(doppler)), doppler, right=0.0)
     return both[0], both[1], lags, bins
 
 
 def between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
-    """Values at places, in cells, between those of an axis, interpolated linearly."""
+    """Linear interpolation of values along an axis, at fractional indices."""
     low = np.clip(np.floor(at).astype(int), 0, values.shape[axis] - 2)
     weight = (at - low).astype(np.float32)
     weight = weight[:, None] if axis == 0 else weight
@@ -114,7 +116,7 @@ def between(values: np.ndarray, at: np.ndarray, axis: int) -> np.ndarray:
 
 FORMAT, VERSION = "t2d-rt background", 1
 DEFAULT = "default"
-"""Name of the model that ships."""
+"""Name of the model that is shipped."""
 SUFFIX = ".safetensors"
 LARGEST_BYTES = 64_000_000
 LONGEST_S = 86_400.0
@@ -131,12 +133,12 @@ class BackgroundModel:
     grid: Grid
     """Axes of the spectrograms that it was trained on."""
     levels_db: tuple[float, ...]
-    """Noise floors of those [dB re 1 W; of uncalibrated ones dB re 1 of their unit]."""
+    """Noise floors of the recordings that it was trained on [dB re 1 W; for uncalibrated ones dB re 1 of their unit]."""
     carrier_hz: float
     calibrated: bool
-    """Whether these levels are in W at the ADC."""
+    """Whether these levels are relative to 1 W at the ADC."""
     about: Mapping[str, Any]
-    """How it was trained."""
+    """How it was trained, for people."""
 
     @classmethod
     def of(
@@ -150,7 +152,7 @@ class BackgroundModel:
         calibrated: Any,
         about: Mapping[str, Any],
     ) -> BackgroundModel:
-        """A model; raises InputError where arrays lack, have another shape or are not finite, and where axes do not fit them."""
+        """A checked model; raises InputError where arrays are missing, not finite or of another shape, or do not fit the axes."""
         for name, size in _sizes(architecture).items():
             if name not in arrays or arrays[name].shape != size:
                 shape = arrays[name].shape if name in arrays else "nothing"
@@ -176,7 +178,7 @@ class BackgroundModel:
 
     @property
     def digest(self) -> str:
-        """A text that is the same for models of the same arrays and axes."""
+        """A text that is equal for models with equal arrays and axes."""
         digest = hashlib.sha256(f"{self.architecture!r} {self.grid} {self.levels_db} {self.calibrated}".encode())
         for name in sorted(self.arrays):
             digest.update(np.ascontiguousarray(self.arrays[name]).tobytes())
@@ -185,9 +187,10 @@ class BackgroundModel:
     def sample(
         self, duration_s: float, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior"
     ) -> Background:
-        """A background of any length; a longer one of the same seed begins with the same columns, bit for bit.
+        """A background of any length; a longer one with the same seed begins with the same columns, bit for bit.
 
-        grid: axes that it should have; those of the training by default. Mean and looks are interpolated where that is sound.
+        grid: the requested axes; those of the training by default. Mean and looks are interpolated within limits.
+
         codes: drawn from the learned "prior", or all equally likely ("uniform"), as in Text2Doppler.
         """
         grid = self.grid if grid is None else grid
@@ -195,7 +198,7 @@ class BackgroundModel:
         return self.columns(max(1, round(duration_s / grid.time_step_s)), seed=seed, grid=grid, codes=codes)
 
     def columns(self, count: int, *, seed: int = 0, grid: Grid | None = None, codes: Codes = "prior") -> Background:
-        """A background of so many columns; options are those of `sample`."""
+        """A background with a given number of columns; options as in `sample`."""
         grid = self.grid if grid is None else grid
         number("seconds of background", integer("columns of background", count, 1) * grid.time_step_s, 0, LONGEST_S)
         choice("codes", codes, ("prior", "uniform"))
@@ -243,13 +246,13 @@ class BackgroundModel:
             "about": dict(self.about),
         }
         arrays = {name: np.ascontiguousarray(self.arrays[name]) for name in sorted(self.arrays)}
-        # One text: the library writes several in any order, and the same model is to be the same bytes.
+        # Stored as a single text: the library writes several in any order, but equal models shall have equal bytes.
         data = save(arrays, {FORMAT: json.dumps(metadata, sort_keys=True)})
         path.write_bytes(data)
 
 
 def load_background(source: str | Path = DEFAULT) -> BackgroundModel:
-    """A background model by its file (.safetensors); "default" is the one that ships.
+    """Reads a background model from its file (.safetensors); "default" is the one that is shipped.
 
     Raises InputError where the file is no such model, is damaged, or is a pickle, which is never read.
     """
@@ -270,7 +273,7 @@ def _shipped() -> BackgroundModel:
 
 
 def _read(path: Path) -> BackgroundModel:
-    """A model by its file; the header is looked at first, so that what is no such file is told as what it is."""
+    """Reads a model from its file; the header is checked first, so that the error for another kind of file can name it."""
     data = read_bytes(path, limit=LARGEST_BYTES, noun="background model")
     try:
         metadata = _metadata(data)
@@ -307,7 +310,7 @@ def _read(path: Path) -> BackgroundModel:
 
 
 def _metadata(data: bytes) -> dict[str, str]:
-    """The texts in the header of a safetensors file: 8 bytes of length, little-endian, and JSON."""
+    """The texts in the header of a safetensors file, which is 8 bytes of length, little-endian, and JSON."""
     length = int.from_bytes(data[:8], "little")
     if not 0 < length <= len(data) - 8:
         raise ValueError("no header")
@@ -315,7 +318,7 @@ def _metadata(data: bytes) -> dict[str, str]:
 
 
 def _sizes(architecture: Architecture) -> dict[str, tuple[int, ...]]:
-    """Shapes of the arrays that sampling needs."""
+    """Shapes of the arrays that sampling needs, by name."""
     size = architecture
     embedded = 12 * size.heads
     shapes: dict[str, tuple[int, ...]] = {

@@ -1,6 +1,7 @@
-"""The networks of a background, without torch: sizes, codes drawn step by step, and from codes to mean and looks of every cell.
+"""The networks of a background model in NumPy: their sizes, the prior that draws codes, and the decoder from codes to mean and
+looks of every cell.
 
-`training.Decoder` and `training.Prior` are the same networks as they are trained.
+`training.Decoder` and `training.Prior` are the same networks in PyTorch, for training.
 """
 
 from __future__ import annotations
@@ -17,44 +18,45 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.types.fields import Count, Fields
 
 KEPT_ROWS = 6
-"""Rows of the coarsest maps, at least: fewer would not tell an approaching from a receding interferer."""
+"""Least number of rows in the coarsest maps: fewer could not distinguish approaching from receding interferers."""
 HALO = 3
-"""Steps on either side that the decoder's convolutions reach over, for 2 residual blocks and any stages."""
+"""Steps on either side of a step that the decoder's convolutions use, for 2 residual blocks and any number of stages."""
 
 
 Size = Annotated[Count, Field(ge=1, le=4096)]
-"""What exceeds it was damaged."""
+"""Size of a part of the network; larger ones can only come from a damaged file."""
 
 
 class Architecture(Fields):
-    """Code books of `codes` entries for the `heads` parts of a latent vector, one vector for each step of `columns` columns."""
+    """Sizes of the networks. Each step of `columns` columns has one latent vector, made of `heads` parts; each part is an entry of
+    its own code book of `codes` entries."""
 
     noun: ClassVar[str] = "architecture"
 
     bins: Size
     """Doppler bins of the spectrograms."""
     time_halvings: Size = 3
-    """A step is 2^time_halvings columns."""
+    """Number of times that columns are halved: a step has 2^time_halvings columns."""
     heads: Size = 4
-    """Codes in a step, each of its own code book."""
+    """Number of codes in a step, each from its own code book."""
     codes: Size = 32
-    """Entries of each code book."""
+    """Number of entries of each code book."""
     code_size: Size = 16
-    """Numbers in an entry."""
+    """Length of an entry."""
     channels: Size = 64
-    """Channels of the coarsest maps."""
+    """Number of channels of the coarsest maps."""
     residual: Size = 32
-    """Channels in the middle of a residual block (van den Oord et al. 2017)."""
+    """Number of channels in the middle of a residual block (van den Oord et al. 2017)."""
     blocks: Annotated[Size, Field(le=2)] = 2
-    """Residual blocks."""
+    """Number of residual blocks."""
     hidden: Size = 192
-    """State of the prior over time."""
+    """Size of the prior's state over time."""
     mixed: Size = 64
-    """Units of the prior within a step."""
+    """Number of units of the prior within a step."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Refuses columns that are halved more often than Doppler bins: the stages halve both together."""
+        """Refuses more halvings of columns than of Doppler bins, since each stage halves both."""
         if self.time_halvings > self.doppler_halvings:
             raise InputError(
                 f"{self.bins} Doppler bins are halved {self.doppler_halvings} times and columns {self.time_halvings} times; "
@@ -64,7 +66,7 @@ class Architecture(Fields):
 
     @property
     def columns(self) -> int:
-        """Columns of the spectrogram in a step."""
+        """Number of columns of the spectrogram in a step."""
         return int(2**self.time_halvings)
 
     @property
@@ -74,24 +76,25 @@ class Architecture(Fields):
 
     @property
     def rows(self) -> int:
-        """Doppler rows of the coarsest maps; bins are padded to rows times 2^doppler_halvings."""
+        """Number of Doppler rows of the coarsest maps; bins are padded to rows times 2^doppler_halvings."""
         return int(-(-self.bins // 2**self.doppler_halvings))
 
     @property
     def padded_bins(self) -> int:
-        """Bins with those that are padded."""
+        """Number of Doppler bins after padding."""
         return int(self.rows * 2**self.doppler_halvings)
 
     @property
     def latent(self) -> int:
-        """Numbers of a latent vector."""
+        """Length of a latent vector."""
         return self.heads * self.code_size
 
     @property
     def stages(self) -> list[tuple[int, int, int]]:
-        """Doublings from the coarsest maps to the spectrogram: channels in, channels out, and the factor in time (1 or 2).
+        """Upsampling stages from the coarsest maps to the spectrogram: channels in, channels out, and the factor in time (1 or 2).
 
-        The last one leads to 2 x 2 (or 2 x 1) cells of two channels each, mean and looks."""
+        The last one yields 2 x 2 (or 2 x 1) cells with two channels each, mean and looks.
+        """
         count = self.doppler_halvings
         times = [1] * (count - self.time_halvings) + [2] * self.time_halvings
         sizes = [max(16, round(self.channels / 16 / (1 + 0.5 * stage)) * 16) for stage in range(count)]
@@ -101,9 +104,11 @@ class Architecture(Fields):
 
 Arrays = Mapping[str, np.ndarray]
 BLOCK = 16
-"""Steps that are decoded at once. Blocks are all of one size, so that the start of a long record has the bits of a short one."""
+"""Steps that are decoded at once. All blocks have the same size, so that the beginning of a long record has the same bits as a
+short record."""
 NATS_PER_UNIT = 2.0
-"""The network's outputs are of the order of one: the level is in units of 2 nats (8.7 dB) about the mean profile."""
+"""Unit of the network's outputs, which are of the order of one: the level is in units of 2 nats (8.7 dB) relative to the mean
+profile."""
 LEAST_LOOKS, MOST_LOOKS = 0.7, 3000.0
 
 
@@ -126,8 +131,8 @@ def decoded(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> tu
 
 @cache
 def _gamma() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of gamma distributed powers, ln(variance) of the level [nat^2], ascending; ln(looks); how far the level's expectation lies
-    below ln(mean power) [nat]: with M looks, psi'(M) and ln M - psi(M)."""
+    """For gamma distributed powers: ln(variance of the level [nat^2]), ascending; ln(looks); and by how much the expected level
+    lies below ln(mean power) [nat]. With M looks these are psi'(M) and ln M - psi(M)."""
     from scipy.special import digamma, polygamma
 
     looks = np.geomspace(MOST_LOOKS, LEAST_LOOKS, 400)
@@ -135,7 +140,7 @@ def _gamma() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _block(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> np.ndarray:
-    """Outputs (2, padded bins, columns of BLOCK steps) of a block with its context."""
+    """Outputs (2, padded bins, columns of BLOCK steps) of a block, from its codes and those around it."""
     book = arrays["codebook"]
     vectors = book[np.arange(architecture.heads), codes].reshape(len(codes), -1)
     maps = arrays["decoder.spread.weight"] @ vectors.T + arrays["decoder.spread.bias"][:, None]
@@ -162,7 +167,7 @@ def _block(architecture: Architecture, arrays: Arrays, codes: np.ndarray) -> np.
 
 
 def _convolved(maps: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """Maps (C, H, W) convolved with kernels (D, C, h, w) of odd sizes, zeros beyond the edges."""
+    """Convolution of maps (C, H, W) with kernels (D, C, h, w) of odd sizes, with zeros beyond the edges."""
     height, width = weight.shape[2:]
     rows, columns = maps.shape[1:]
     padded = np.pad(maps, ((0, 0), (height // 2,) * 2, (width // 2,) * 2))
@@ -175,11 +180,11 @@ def _convolved(maps: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> np.nda
 
 
 def prior_codes(architecture: Architecture, arrays: Arrays, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Codes (steps, heads) of the learned prior; the first ones do not depend on how many there are."""
+    """Codes (steps, heads) drawn from the learned prior; the first ones do not depend on their number."""
     heads = range(architecture.heads)
     embedding, hidden_in = arrays["prior.embedding"], arrays["prior.gru.weight_hh_l0"]
     bias_in, bias_hidden = arrays["prior.gru.bias_ih_l0"], arrays["prior.gru.bias_hh_l0"]
-    # What a code adds to the gates, (heads, codes, 3 hidden).
+    # what each code adds to the gates, (heads, codes, 3 hidden)
     gates_of = embedding @ arrays["prior.gru.weight_ih_l0"].T
     mixing, mixing_bias, among = arrays["prior.mixing"], arrays["prior.mixing_bias"], arrays["prior.among"]
     readout, readout_bias = arrays["prior.readout"], arrays["prior.readout_bias"]
@@ -195,18 +200,18 @@ def prior_codes(architecture: Architecture, arrays: Arrays, steps: int, rng: np.
             logits = readout[head] @ np.maximum(units[head], 0) + readout_bias[head]
             code = _drawn(logits, uniform[step, head])
             codes[step, head] = code
-            units = units + among[head, code]  # to the heads that follow; zero for the others
+            units = units + among[head, code]  # what it adds to the heads that follow; zero for the others
             gate_inputs = gate_inputs + gates_of[head, code]
     return codes
 
 
 def uniform_codes(architecture: Architecture, steps: int, rng: np.random.Generator) -> np.ndarray:
-    """Codes (steps, heads) that are all equally likely, as the authors of Text2Doppler draw them."""
+    """Codes (steps, heads) drawn with equal probabilities, as the authors of Text2Doppler do."""
     return rng.integers(architecture.codes, size=(steps, architecture.heads))
 
 
 def _next_state(state: np.ndarray, from_input: np.ndarray, from_state: np.ndarray) -> np.ndarray:
-    """A gated recurrent unit (Cho et al. 2014), gates in the order reset, update, new."""
+    """A step of a gated recurrent unit (Cho et al. 2014), with gates in the order reset, update, new."""
     size = len(state)
     reset, update = (
         _sigmoid(from_input[:size] + from_state[:size]),
@@ -221,6 +226,6 @@ def _sigmoid(values: np.ndarray) -> np.ndarray:
 
 
 def _drawn(logits: np.ndarray, uniform: float) -> int:
-    """The code in which a uniform number falls."""
+    """Draws a code with the probabilities of these logits, from a uniform random number."""
     weights = np.exp((logits - logits.max()).astype(np.float64)).cumsum()
     return int(np.searchsorted(weights, uniform * weights[-1], side="right").clip(max=len(weights) - 1))

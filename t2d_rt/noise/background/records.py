@@ -1,4 +1,4 @@
-"""Spectrograms of recordings in which nobody moves, and the axes that they have in common."""
+"""Spectrograms of recordings in which nobody moves, and the axes that they share."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 
 LARGEST_BYTES = 2 * 2**30
-"""Largest file of a record."""
+"""Greatest size of a record's file [bytes]."""
 SAME = 1e-3
-"""Greatest relative difference of steps, and greatest difference of speeds in units of a bin, of axes that count as the same."""
+"""Tolerance for equal axes: relative difference of steps, and difference of speeds in units of a bin."""
 NEEDED = "velocity_mps, time_step_s, carrier_hz, calibrated and power_w"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grid:
-    """Axes of a spectrogram: its Doppler bins, and the time from column to column."""
+    """Axes of a spectrogram: its Doppler bins, and the time from one column to the next."""
 
     velocity_mps: np.ndarray
-    """Ascending and evenly spaced, positive = approaching, (velocity,)."""
+    """Speeds [m/s], ascending and evenly spaced, positive = approaching, (velocity,)."""
     time_step_s: float
-    """[s]."""
+    """Time from one column to the next [s]."""
 
     @classmethod
     def of(cls, velocity_mps: Any, time_step_s: Any) -> Grid:
-        """Axes of speeds (velocity,) [m/s] and a step [s]; raises InputError where speeds do not ascend by equal steps."""
+        """Axes with speeds (velocity,) [m/s] and a time step [s]; raises InputError where speeds do not ascend in equal steps."""
         speeds = array("velocity_mps", velocity_mps, ("velocity",), unit="m/s")
         steps = np.diff(speeds)
         if len(speeds) < 2 or steps.min() <= 0 or np.ptp(steps) > SAME * steps.mean():
@@ -43,7 +43,7 @@ class Grid:
 
     @classmethod
     def of_columns(cls, velocity_mps: Any, time_s: Any) -> Grid:
-        """The axes of a spectrogram whose columns stand at these times; those of bursts that are not evenly spaced are refused."""
+        """Axes of a spectrogram whose columns are at these times; refuses bursts that are not evenly spaced."""
         times = array("time_s", time_s, ("time",), unit="s")
         if len(times) < 2:
             raise InputError(f"a spectrogram must have two columns or more, got {len(times)}; give a longer recording")
@@ -57,11 +57,11 @@ class Grid:
 
     @property
     def bin_mps(self) -> float:
-        """Width of a Doppler bin."""
+        """Width of a Doppler bin [m/s]."""
         return float(self.velocity_mps[-1] - self.velocity_mps[0]) / (len(self.velocity_mps) - 1)
 
     def same_as(self, other: Grid) -> bool:
-        """Whether bins and columns are the same, but for rounding."""
+        """Whether bins and columns are equal, except for rounding."""
         return (
             len(self.velocity_mps) == len(other.velocity_mps)
             and bool(np.abs(self.velocity_mps - other.velocity_mps).max() <= SAME * self.bin_mps)
@@ -82,7 +82,7 @@ class BackgroundRecord:
 
     name: str
     power: np.ndarray
-    """[W], or in the recording's own units where it is not calibrated, (velocity, time)."""
+    """Power [W], or in the recording's own unit if it is not calibrated, (velocity, time)."""
     grid: Grid
     carrier_hz: float
     calibrated: bool
@@ -90,7 +90,8 @@ class BackgroundRecord:
 
     @classmethod
     def of(cls, name: str, power: Any, grid: Grid, *, carrier_hz: Any, calibrated: Any) -> BackgroundRecord:
-        """A record of powers (velocity, time); raises InputError for negative or no power, and where axes and powers differ."""
+        """A checked record of powers (velocity, time); raises InputError for negative powers, for silence, and where axes and
+        powers do not fit."""
         power = array("power of a background", power, (len(grid.velocity_mps), "time"), limit=1e60)
         if power.shape[1] < 2 or power.min() < 0 or not power.any():
             raise InputError(
@@ -106,17 +107,17 @@ class BackgroundRecord:
 
     @property
     def duration_s(self) -> float:
-        """Columns times their step."""
+        """Duration of all columns [s]."""
         return self.power.shape[1] * self.grid.time_step_s
 
     @property
     def level_db(self) -> float:
-        """Level of the noise floor: the median over all cells [dB re 1 W], which fans and pets hardly change."""
+        """Level of the noise floor [dB re 1 W]: the median over all cells, which fans and pets hardly change."""
         return float(np.median(decibel(self.power.astype(np.float64))))
 
     @property
     def relative_db(self) -> np.ndarray:
-        """Power relative to that level [dB], float32 (velocity, time)."""
+        """Power relative to the noise floor [dB], float32 (velocity, time)."""
         return (decibel(self.power.astype(np.float64)) - self.level_db).astype(np.float32)
 
     def save(self, path: Path) -> None:
@@ -128,7 +129,7 @@ class BackgroundRecord:
 
     @classmethod
     def load(cls, path: Path) -> BackgroundRecord:
-        """Reads what `save` wrote."""
+        """Reads a file that `save` wrote."""
         data = read_bytes(path, limit=LARGEST_BYTES, noun="background record")
         try:
             with zipfile.ZipFile(io.BytesIO(data)) as members:
@@ -140,7 +141,7 @@ class BackgroundRecord:
             return cls.of(path.stem, power, grid, carrier_hz=about["carrier_hz"], calibrated=about["calibrated"])
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
-        except Exception as error:  # files of any content
+        except Exception as error:  # a damaged file may hold anything
             raise InputError(
                 f"{path} is not a background record ({type(error).__name__}: {error}); it must hold {NEEDED}, as "
                 "t2d-rt background simulate writes it"
@@ -148,7 +149,7 @@ class BackgroundRecord:
 
 
 def common_grid(records: list[BackgroundRecord]) -> Grid:
-    """The axes that all records must have."""
+    """The axes of the records, which must all have the same."""
     first = records[0]
     for record in records[1:]:
         if not record.grid.same_as(first.grid):
@@ -160,10 +161,10 @@ def common_grid(records: list[BackgroundRecord]) -> Grid:
 
 
 def checked_level(level_db: Any) -> float:
-    """A level of the noise floor [dB re 1 W]."""
+    """A checked level of a noise floor [dB re 1 W]."""
     return number("level_db", level_db, -400, 400, unit="dB")
 
 
 def checked_name(name: Any) -> str:
-    """A model's name or path as a text."""
+    """A checked name or path of a model, as text."""
     return text("background", str(name) if isinstance(name, Path) else name, hint='"default", or a .safetensors file')

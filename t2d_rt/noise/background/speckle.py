@@ -1,4 +1,4 @@
-"""The random part of a spectrogram's cells: gamma distributed about their mean, correlated from column to column and bin to bin.
+"""The random part of a spectrogram's cells: gamma distributed about the mean, and correlated from column to column and bin to bin.
 
 The power of a cell that adds up M independent complex Gaussian parts is gamma distributed with M looks: its standard deviation is
 the mean over sqrt(M), and M = 1 is the exponential distribution of fully developed speckle (Goodman, Speckle Phenomena in Optics,
@@ -12,33 +12,34 @@ from functools import lru_cache
 import numpy as np
 
 ORDER = 8
-"""Order of the autoregressive filter over the columns; overlapping windows correlate over fewer columns than that."""
+"""Order of the autoregressive filter over the columns; overlapping windows are correlated over fewer columns."""
 LAGS, BINS = 16, 4
-"""Lags in time and in Doppler at which correlation is kept."""
+"""Number of lags in time, and in Doppler, for which the correlation is stored."""
 WARM_UP = 64
-"""Columns that the filter runs before the first one that is used."""
+"""Number of columns for which the filter runs before the first one that is used."""
 LEAST_RATIO = 1e-3
-"""Least power of a cell relative to its mean."""
+"""Least power of a cell relative to its mean that is represented."""
 RIDGE = 1e-3
-"""Added to the correlation at lag 0, so that the equations of the filter can be solved."""
+"""Added to the correlation at lag 0, so that the filter's equations can be solved."""
 
 
 def speckle(normal: np.ndarray, looks: np.ndarray) -> np.ndarray:
-    """Factors on the mean power, gamma distributed with mean 1 and so many looks, from Gaussian numbers of the same shape."""
+    """Factors on the mean power, gamma distributed with mean 1 and the given looks, from Gaussian numbers of the same shape."""
     root = 1 - 1 / (9 * looks) + normal / (3 * np.sqrt(looks))
     return np.asarray(np.maximum(root, LEAST_RATIO ** (1 / 3)) ** 3)
 
 
 def normal_scores(ratio: np.ndarray, looks: np.ndarray) -> np.ndarray:
-    """The Gaussian numbers that `speckle` makes these factors of."""
+    """Inverse of `speckle`: the Gaussian numbers that belong to such factors."""
     return np.asarray((np.cbrt(ratio) - 1 + 1 / (9 * looks)) * 3 * np.sqrt(looks))
 
 
 def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Correlation of scores (velocity, time) over LAGS columns, of each bin (velocity, LAGS), and over BINS bins, 1 at lag 0.
+    """Correlation of scores (velocity, time) over LAGS columns, for each bin (velocity, LAGS), and over BINS bins; 1 at lag 0.
 
-    Mean over the records by their lengths: near zero speed the power changes more slowly than the floor's. Over the bins it is the
-    median of all, about each bin's mean in its record: what the codes do not tell of the few bins of interferers is no speckle.
+    Records are weighted by their lengths. Correlation in time differs from bin to bin: near zero speed the power changes more
+    slowly than that of the noise floor. Correlation over bins is the median over all bins, each relative to its mean in the record,
+    because in the few bins of interferers the remainder that the codes do not describe is not speckle.
     """
     time, doppler, weight = np.zeros((len(scores[0]), LAGS)), np.zeros(BINS), 0
     for score in scores:
@@ -61,13 +62,14 @@ def correlations(scores: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
 def gaussian_field(
     bins: int, columns: int, time: np.ndarray, doppler: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Unit Gaussian numbers (bins, columns), float32, of about these correlations over lags of a column (bins, LAGS) and of a bin.
+    """Standard Gaussian numbers (bins, columns), float32, with approximately these correlations over lags of columns (bins, LAGS)
+    and of bins.
 
-    The first columns do not depend on how many there are.
+    The first columns do not depend on their number.
     """
     from scipy.signal import lfilter
 
-    # In blocks of one shape: BLAS picks its kernels by shape, and these round differently.
+    # In blocks of one shape: BLAS picks its kernels by shape, and different kernels round differently.
     blocks = np.zeros((-(-columns // WARM_UP) + 1, WARM_UP, bins), np.float32)
     white = blocks.reshape(-1, bins)[: columns + WARM_UP]
     rng.standard_normal(out=white, dtype=np.float32)
@@ -82,10 +84,10 @@ def gaussian_field(
 
 
 def _filter(lags: np.ndarray) -> tuple[np.ndarray, float]:
-    """Coefficients of the values before, and of the white numbers, of the autoregressive filter for these correlations."""
+    """Coefficients of the autoregressive filter for these correlations: of the previous values, and of the white noise."""
     from scipy.linalg import eigvalsh, solve_toeplitz, toeplitz
 
-    # Estimates that are no correlation of anything would make an unstable filter: as much as they lack is added at lag 0.
+    # Estimates that are no valid correlation would give an unstable filter: the deficit is added at lag 0.
     lacking = -float(eigvalsh(toeplitz(lags[: ORDER + 1]))[0])
     column = np.r_[lags[0] + RIDGE + max(0.0, lacking), lags[1:ORDER]]
     next_lags = lags[1 : ORDER + 1]
@@ -95,7 +97,7 @@ def _filter(lags: np.ndarray) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=16)
 def _root(bins: int, doppler: tuple[float, ...]) -> np.ndarray:
-    """A square root (bins, bins) of the correlation over bins; where that is not positive, of the nearest that is."""
+    """A square root (bins, bins) of the correlation matrix over bins; of the nearest positive one, if it is not positive itself."""
     from scipy.linalg import eigh, toeplitz
 
     column = np.zeros(bins)

@@ -20,11 +20,11 @@ from t2d_rt.noise.background.records import BackgroundRecord, common_grid
 from t2d_rt.noise.background.speckle import correlations, normal_scores
 
 DECAY, COMMITMENT = 0.99, 0.25
-"""Decay of the code books' moving averages, and weight of the commitment loss, as the authors of Text2Doppler have them."""
+"""Decay of the moving averages of the code books, and weight of the commitment loss, as the authors of Text2Doppler chose them."""
 OF_VARIANCE = 0.1
-"""Part of the variance's gradient that reaches the maps before the last layer."""
+"""Fraction of the gradient of the variance that reaches the maps before the last layer."""
 DEAD = 0.5
-"""A code that stands for fewer vectors of a batch than that, by the moving average, is replaced by one of the batch's vectors."""
+"""A code is replaced by one of the batch's vectors if it stands for fewer vectors of a batch than this, by the moving average."""
 
 
 class Residual(nn.Module):
@@ -41,7 +41,7 @@ class Residual(nn.Module):
 
 
 class Encoder(nn.Module):
-    """From levels in units of NATS_PER_UNIT (batch, padded bins, columns) to latent vectors (batch, step, latent)."""
+    """Encoder from levels in units of NATS_PER_UNIT (batch, padded bins, columns) to latent vectors (batch, step, latent)."""
 
     def __init__(self, architecture: Architecture) -> None:
         super().__init__()
@@ -57,13 +57,13 @@ class Encoder(nn.Module):
         self.gather = nn.Linear(architecture.channels * architecture.rows, architecture.latent)
 
     def forward(self, levels: Tensor) -> Tensor:
-        """Latent vectors (batch, step, latent) of levels (batch, padded bins, columns)."""
+        """Latent vectors (batch, step, latent) for levels (batch, padded bins, columns)."""
         maps = functional.relu(self.layers(levels[:, None]))
         return self.gather(maps.flatten(1, 2).transpose(1, 2))
 
 
 class Decoder(nn.Module):
-    """From latent vectors (batch, step, latent) to what is expected of every cell's level."""
+    """Decoder from latent vectors (batch, step, latent) to the expected level of every cell and its variance."""
 
     def __init__(self, architecture: Architecture, profile: Tensor) -> None:
         super().__init__()
@@ -80,9 +80,10 @@ class Decoder(nn.Module):
         self.profile = nn.Parameter(profile)
 
     def forward(self, vectors: Tensor) -> tuple[Tensor, Tensor]:
-        """Expected level [nat] and the logarithm of its variance [nat^2], each (batch, padded bins, columns).
+        """Expected level [nat] and logarithm of its variance [nat^2], each (batch, padded bins, columns).
 
-        Of the gradient of the variance, a tenth reaches the maps that both read: these serve the levels first.
+        Only a tenth of the gradient of the variance reaches the maps that both outputs use, since these shall serve the levels
+        first.
         """
         maps = self.spread(vectors).transpose(1, 2).unflatten(1, self.size)
         for block in self.blocks:
@@ -124,7 +125,7 @@ class Codec(nn.Module):
         self.decoder = Decoder(architecture, profile)
 
     def forward(self, levels: Tensor, quantized: bool = True) -> tuple[Tensor, Tensor, Tensor]:
-        """Expected level [nat], the logarithm of its variance, and the commitment loss."""
+        """Expected level [nat], logarithm of its variance, and commitment loss."""
         vectors, commitment = self.encoder(levels), levels.new_zeros(1)
         if quantized:
             vectors, _, commitment = self.quantizer(vectors)
@@ -132,7 +133,7 @@ class Codec(nn.Module):
 
 
 class Prior(nn.Module):
-    """Logits of each code given all earlier steps, by a recurrent state, and the codes before it in its step."""
+    """The prior: logits of each code, given all earlier steps (by a recurrent state) and the codes before it in its own step."""
 
     def __init__(self, architecture: Architecture, embedded: int = 12) -> None:
         super().__init__()
@@ -148,7 +149,7 @@ class Prior(nn.Module):
         self.readout_bias = nn.Parameter(torch.zeros(heads, codes))
 
     def forward(self, codes: Tensor, dropout: float = 0.0) -> Tensor:
-        """Logits (batch, step, head, code) of codes (batch, step, head)."""
+        """Logits (batch, step, head, code) for codes (batch, step, head)."""
         batch, _, heads = codes.shape
         head = torch.arange(heads)
         embedded = self.embedding[head, codes].sum(dim=2)
@@ -161,32 +162,32 @@ class Prior(nn.Module):
         return torch.einsum("bthm,hcm->bthc", functional.relu(units), self.readout) + self.readout_bias
 
     def arrays(self) -> dict[str, Tensor]:
-        """What the sampler reads; codes act on later heads only."""
+        """The weights that the sampler in NumPy uses; the effect of codes on earlier heads is set to zero."""
         return {**{name: parameter for name, parameter in self.named_parameters()}, "among": self.among * self.later}
 
 
 NATS_PER_DB = float(np.log(10) / 10)
 TILE_STEPS = 12
-"""Steps of a tile whose cells count, beside HALO more on either side as context."""
+"""Steps of a training tile whose cells count in the loss; HALO more on either side are context."""
 BATCH, PRIOR_BATCH = 6, 16
 RATE = 1e-3
-"""Learning rate of Adam, as the authors of Text2Doppler have it; it falls to nothing by half a cosine."""
+"""Learning rate of Adam, as the authors of Text2Doppler chose it; it falls to zero by half a cosine."""
 WARM_STEPS = 100
 UNQUANTIZED, FIRST_BATCHES = 0.3, 16
-"""Fraction of the codec's steps before vectors are quantised, and batches whose clusters the code books begin with: an untrained
-encoder's vectors hardly differ, and code books that begin with them end with one code in use."""
+"""Fraction of the codec's steps before vectors are quantised, and number of batches whose clusters initialise the code books. (The
+vectors of an untrained encoder are nearly equal, and code books initialised by them end with a single code in use.)"""
 DROPOUT = 0.2
 CHECK_EVERY = 25
 VALIDATION = 0.15
-"""Fraction of the records, or of each record's end where there are few, by which the prior is chosen."""
+"""Fraction of the records, or of the end of each record if there are few, on which the prior is selected."""
 SAMPLES = 96
-"""Samples, each as long as a record, by which the profile is set."""
+"""Number of samples, each as long as a record, from which the profile is adjusted."""
 Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Training:
-    """Length and seed of a training."""
+    """Length and seed of a training run."""
 
     codec_steps: int = 800
     prior_steps: int = 400
@@ -196,11 +197,11 @@ class Training:
 def train(
     records: list[BackgroundRecord], architecture: Architecture, training: Training, progress: Progress | None = None
 ) -> BackgroundModel:
-    """A model of these records; the same one for the same seed on one machine."""
+    """Trains a model on these records; the result is the same for the same seed on one machine."""
     grid = common_grid(records)
     before = torch.get_num_threads()
     state = torch.random.get_rng_state()
-    torch.set_num_threads(1)  # sums come out alike on any machine
+    torch.set_num_threads(1)  # sums have the same bits with any number of cores
     torch.manual_seed(training.seed)
     rng = np.random.default_rng(training.seed)
     try:
@@ -244,7 +245,7 @@ def _codec(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> Codec:
-    """Encoder, code books and decoder, trained on random tiles of the records."""
+    """Trains encoder, code books and decoder on random tiles of the records."""
     padded = [_padded(record_levels, architecture) for record_levels in levels]
     codec = Codec(architecture, torch.from_numpy(_profile(padded)))
     optimizer = torch.optim.Adam(codec.parameters(), lr=RATE)
@@ -256,7 +257,7 @@ def _codec(
     for step in range(training.codec_steps):
         tiles = torch.from_numpy(_tiles(padded, width, rng))
         quantized = step >= first
-        if step == first:  # the code books begin with the clusters of many vectors
+        if step == first:  # initialise the code books with the clusters of many vectors
             with torch.no_grad():
                 batches = [torch.from_numpy(_tiles(padded, width, rng)) for _ in range(FIRST_BATCHES)]
                 codec.quantizer(torch.cat([codec.encoder(batch / NATS_PER_UNIT) for batch in batches]))
@@ -278,7 +279,7 @@ def _prior(
     rng: np.random.Generator,
     progress: Progress | None,
 ) -> tuple[Prior, float]:
-    """The prior that is best on the codes that it was not trained on, and its surprise there [nat per code]."""
+    """Trains the prior and returns its best state on held-out codes, with its cross entropy there [nat per code]."""
     used, held_out = split_codes(codes)
     prior = Prior(architecture)
     optimizer = torch.optim.Adam(prior.parameters(), lr=RATE, weight_decay=1e-5)
@@ -305,12 +306,12 @@ def _prior(
 
 
 def _surprise_of_codes(prior: Prior, codes: Tensor, dropout: float) -> Tensor:
-    """Mean surprise of the prior at a code, its cross entropy [nat per code]."""
+    """Mean cross entropy of the prior [nat per code]."""
     return nn.functional.cross_entropy(prior(codes, dropout).flatten(0, 2), codes.flatten())
 
 
 def split_codes(codes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Codes to train on and to choose by: whole records where there are eight or more, else the end of each."""
+    """Codes to train on, and codes to select by: whole records where there are eight or more, else the end of each."""
     if len(codes) >= 8:
         held_out = max(1, round(VALIDATION * len(codes)))
         return codes[:-held_out], codes[-held_out:]
@@ -321,7 +322,7 @@ def split_codes(codes: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndar
 
 @torch.no_grad()
 def encoded(codec: Codec, architecture: Architecture, levels: np.ndarray) -> np.ndarray:
-    """Codes (step, head) of a record's levels [nat], without those at its ends, which lack context."""
+    """Codes (step, head) for a record's levels [nat], without the steps at its ends, which lack context."""
     whole = levels.shape[1] // architecture.columns * architecture.columns
     padded = torch.from_numpy(_padded(levels[:, :whole], architecture))
     codec.eval()
@@ -330,7 +331,7 @@ def encoded(codec: Codec, architecture: Architecture, levels: np.ndarray) -> np.
 
 
 def codebook(codec: Codec, architecture: Architecture) -> Tensor:
-    """Entries (head, code, number)."""
+    """Entries of the code books, (head, code, number)."""
     book = codec.quantizer.codebook
     return book.reshape(architecture.heads, architecture.codes, architecture.code_size)
 
@@ -338,7 +339,7 @@ def codebook(codec: Codec, architecture: Architecture) -> Tensor:
 def _residuals(
     architecture: Architecture, arrays: dict[str, np.ndarray], levels: list[np.ndarray], codes: list[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Correlations of what the decoder leaves of the records."""
+    """Correlations of the difference between the records and the decoder's output."""
     scores = []
     for level, code in zip(levels, codes, strict=True):
         if len(code) > 2 * HALO:
@@ -351,9 +352,10 @@ def _residuals(
 
 
 def _calibrated(model: BackgroundModel, levels: list[np.ndarray]) -> BackgroundModel:
-    """The model whose samples have the records' mean level in each bin: its prior draws codes not just as often as they are.
+    """The model with its mean profile adjusted, so that samples have the records' mean level in each bin; the prior does not draw
+    codes exactly as often as they occur.
 
-    Levels and not powers: the mean power of a bin is that of the few records in which a mover has just that speed.
+    Levels are adjusted, not powers: the mean power of a bin is dominated by the few records in which a mover has just that speed.
     """
     length = round(np.mean([level.shape[1] for level in levels]))
     drawn = [np.log(model.columns(length, seed=seed).power).mean(axis=1) for seed in range(SAMPLES)]
@@ -365,9 +367,11 @@ def _calibrated(model: BackgroundModel, levels: list[np.ndarray]) -> BackgroundM
 
 
 def _profile(padded: list[np.ndarray]) -> np.ndarray:
-    """Where the decoder begins: level [nat] and logarithm of its variance, of each bin the median of the records, (2, padded bins).
+    """Initial output of the decoder: for each bin the median over records of the level [nat], and of the logarithm of its variance,
+    (2, padded bins).
 
-    Not those of all cells: the few records with a mover have most of the variance, and the floor of the others would stay unsteady.
+    The mean over all cells would not do: the few records with a mover have most of the variance, and the noise floor of the others
+    would keep fluctuating.
     """
     level = np.median([record.mean(axis=1) for record in padded], axis=0)
     variance = np.median([record.var(axis=1) for record in padded], axis=0)
@@ -375,12 +379,12 @@ def _profile(padded: list[np.ndarray]) -> np.ndarray:
 
 
 def _padded(levels: np.ndarray, architecture: Architecture) -> np.ndarray:
-    """Levels with as many Doppler bins as the networks take; the last bin is repeated."""
+    """Levels padded to the number of Doppler bins of the networks, by repeating the last bin."""
     return np.pad(levels, ((0, architecture.padded_bins - architecture.bins), (0, 0)), mode="edge")
 
 
 def _tiles(padded: list[np.ndarray], width: int, rng: np.random.Generator) -> np.ndarray:
-    """Random tiles (batch, padded bins, width), of records in proportion to their length."""
+    """Random tiles (batch, padded bins, width); records are drawn in proportion to their length."""
     room = np.array([record.shape[1] - width + 1 for record in padded])
     which = rng.choice(len(padded), size=BATCH, p=room / room.sum())
     starts = [int(rng.integers(room[k])) for k in which]
@@ -388,19 +392,19 @@ def _tiles(padded: list[np.ndarray], width: int, rng: np.random.Generator) -> np
 
 
 def _stretches(codes: list[np.ndarray], length: int, rng: np.random.Generator) -> np.ndarray:
-    """Random stretches (batch, length, head)."""
+    """Random sequences of codes (batch, length, head)."""
     which = rng.integers(len(codes), size=PRIOR_BATCH)
     starts = [int(rng.integers(len(codes[k]) - length + 1)) for k in which]
     return np.stack([codes[k][start : start + length] for k, start in zip(which, starts, strict=True)])
 
 
 def _rate_factor(step: int, steps: int) -> float:
-    """Factor on the learning rate: it rises over the first steps and falls to nothing by half a cosine."""
+    """Factor on the learning rate: it rises over the first steps and falls to zero by half a cosine."""
     return min(1.0, (step + 1) / WARM_STEPS) * 0.5 * (1 + float(np.cos(np.pi * min(1.0, step / steps))))
 
 
 def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_scheduler.LambdaLR, loss: Tensor) -> None:
-    """One step of the optimizer and of its learning rate."""
+    """One step of the optimizer and of its learning rate schedule."""
     optimizer.zero_grad()
     loss.backward()
     optimizer.step()
@@ -408,10 +412,10 @@ def _stepped(optimizer: torch.optim.Optimizer, schedule: torch.optim.lr_schedule
 
 
 STEP_S = 0.05
-"""Duration of a step of the codes at most, but for records whose columns are farther apart: a fan's blades take as long."""
+"""Greatest duration of a step of the codes [s], unless columns are farther apart; the blades of a fan take about that time."""
 MOST_HALVINGS = 5
 LEAST_STEPS = 14
-"""Steps that each record has at least: a tile, and something to learn about what follows it."""
+"""Least number of steps in each record: a tile, and something from which the prior can learn."""
 
 
 def learn_background(
@@ -459,7 +463,7 @@ def learn_background(
 
 
 def require_torch() -> None:
-    """An InputError where what training needs is not installed."""
+    """Raises an InputError where the packages for training are not installed."""
     try:
         import torch  # noqa: F401
         import vector_quantize_pytorch  # noqa: F401

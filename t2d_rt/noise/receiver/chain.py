@@ -1,4 +1,4 @@
-"""An ADC cube through a receiver, block by block."""
+"""Passes an ADC cube through a receiver model, block by block."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from t2d_rt.types.receiver import Interferer
 
 
 def dc_offsets(radar: Radar, level_dbm: float, draws: Draws) -> np.ndarray:
-    """A constant for each antenna, complex64 (antenna,): one of each receive channel, whose phase is drawn."""
+    """DC offset of each antenna, complex64 (antenna,): a constant for each receive channel, with a random phase."""
     slots = TimeSlots(radar)
     phase = 2 * math.pi * draws.of("DC offset").random(slots.channels)
     constant = math.sqrt(10 ** ((level_dbm - 30) / 10)) * np.exp(1j * phase)
@@ -33,21 +33,22 @@ def dc_offsets(radar: Radar, level_dbm: float, draws: Draws) -> np.ndarray:
 
 
 Effect = Callable[[np.ndarray, int], np.ndarray]
-"""Samples (row, antenna, sample) and the number of the first row, the first of a group -> samples, the same array where they stay
-as they are."""
+"""Function from samples (row, antenna, sample) and the index of their first row, which must be the first of a group, to samples
+with the effect; it returns the same array where they do not change."""
 
 
 @lru_cache(maxsize=16)
 def check_receiver(radar: Radar, receiver: Receiver) -> None:
-    """Refuses a receiver that this radar cannot have, before anything is simulated."""
+    """Refuses a receiver that does not fit this radar, before anything is simulated."""
     Effects(radar, receiver, Draws(0))
 
 
 def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cube, dict[str, Any]]:
-    """The cube (chirp, antenna, sample) [sqrt(W)] as a receiver gives it, and settings that tell its levels.
+    """Passes a cube (chirp, antenna, sample) [sqrt(W)] through a receiver; returns the cube, and its levels for the recording's
+    settings.
 
-    A cube in memory is changed in place; of one on disk a new one is written. A row is the same bits whatever the blocks.
-    seed: of what is drawn, where the receiver has none of its own.
+    A cube in memory is changed in place; for one on disk a new one is written. The bits of a row do not depend on the blocks. seed:
+    seed of the random draws, where the receiver has none of its own.
     """
     effects = Effects(radar, receiver, Draws(seed if receiver.seed is None else receiver.seed))
     levels = ReceiverLevels(receiver, radar, effects.offsets)
@@ -65,7 +66,7 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
 
 
 class Effects:
-    """The effects that are on, from the antenna to the ADC."""
+    """The effects of a receiver that are switched on, in order from the antenna to the ADC."""
 
     def __init__(self, radar: Radar, receiver: Receiver, draws: Draws) -> None:
         power_w = receiver.thermal_power_w(radar)
@@ -86,7 +87,7 @@ class Effects:
         )
 
     def received(self, block: np.ndarray, first_row: int, reference: np.ndarray) -> Received:
-        """A block of rows, from the first one of a group on, after all effects."""
+        """A block of rows, which begins with the first one of a group, after all effects."""
         changed = block
         for effect in self.first:
             changed = effect(changed, first_row)
@@ -97,7 +98,7 @@ class Effects:
 
 
 def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
-    """Tells of phase noise that is too much for its mask to be one of small angles."""
+    """Warns of phase noise that is so strong that its mask no longer describes small angles."""
     if receiver.phase_noise is None:
         return
     rms_rad = residual_rms_rad(radar, receiver.phase_noise)
@@ -109,7 +110,7 @@ def _warn_of_angles(radar: Radar, receiver: Receiver) -> None:
 
 
 def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: float) -> Iterator[Effect]:
-    """What comes before the stages of each sample: phase noise of the oscillator, then the interferers in their order."""
+    """Effects before those that act on single samples: phase noise of the oscillator, then the interferers in their order."""
     if receiver.phase_noise is not None:
         yield PhaseNoise(radar, receiver.phase_noise, draws, thermal_w=thermal_w)
     for number, interferer in enumerate(receiver.interferers):
@@ -117,22 +118,23 @@ def _first_effects(radar: Radar, receiver: Receiver, draws: Draws, thermal_w: fl
 
 
 SILENT = 1e-13
-"""Fraction of the power of all samples below which a power is rounding."""
+"""Power relative to that of all samples below which a figure is only rounding."""
 
 DB_PER_BIT = 20 * math.log10(2)
 MOST_LOST = 0.9
-"""Fraction of samples at the offset's value beyond which a step is too coarse: that of Gaussian noise of a quarter step, through
-which weak echoes pass 7 dB weaker; through half a step they pass as they are."""
+"""Fraction of the samples with the value of the offset alone, from which the step of the converters counts as too coarse. It is
+reached by Gaussian noise of a quarter step, with which weak echoes become 7 dB weaker; with half a step they keep their level."""
 
 
 @dataclass(slots=True)
 class Power:
-    """Running sums for the mean power of samples (row, antenna, sample) [sqrt(W)], and for that of their mean over the rows."""
+    """Running sums for the mean power of samples (row, antenna, sample) [sqrt(W)], and for the power of their mean over the
+    rows."""
 
     reference: np.ndarray | float = 0.0
-    """(antenna, sample), or what broadcasts to that; powers are summed about it."""
+    """Value, (antenna, sample) or broadcast to that, which is subtracted before powers are summed."""
     count: int = 0
-    """Samples."""
+    """Number of samples."""
     rows: int = 0
     sum_w: float = 0.0
     """Sum of |sample - reference|^2 [W]."""
@@ -140,7 +142,7 @@ class Power:
     """Sum over the rows, complex128 (antenna, sample)."""
 
     def add(self, shape: tuple[int, ...], sums_w: np.ndarray, total: np.ndarray) -> None:
-        """Counts rows of samples (row, antenna, sample) by their sums about the reference and by those over the rows."""
+        """Adds rows of samples (row, antenna, sample), given as sums of powers about the reference and as sums over the rows."""
         self.rows += shape[0]
         self.count += math.prod(shape)
         self.sum_w += float(sums_w.sum(dtype=np.float64))
@@ -148,7 +150,7 @@ class Power:
 
     @property
     def static_w(self) -> float:
-        """Power of the mean over the rows [W]."""
+        """Power of the mean over the rows, that is of what is static [W]."""
         return float(np.mean(np.abs(self.total / self.rows) ** 2))
 
     @property
@@ -159,57 +161,58 @@ class Power:
 
     @property
     def mean_w(self) -> float:
-        """Power of all [W]."""
+        """Mean power of all samples [W]."""
         return self.static_w + max(self.moving_w, 0.0)
 
 
 @dataclass(slots=True)
 class ReceiverLevels:
-    """Powers of the samples before a receiver, and of what it adds to them."""
+    """Power of the samples before a receiver, and of what it adds to them."""
 
     receiver: Receiver
     radar: Radar
     offsets: np.ndarray
-    """Constant that is added to each sample, (antenna,)."""
+    """DC offset that is added to each sample, (antenna,)."""
     clean: Power = field(init=False)
     added: Power = field(init=False)
-    """Power of the samples after the receiver less those before it and the offsets."""
+    """Power of the difference between the samples after and before the receiver, without the offsets."""
     clipped: int = 0
     peak: float = 0.0
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
     input_w: float = 0.0
-    """Sum over the samples before the converters, without the offsets [W]."""
+    """Sum of the powers of the samples before the converters, without the offsets [W]."""
     lost: int = 0
-    """Samples that are rounded to what the offset alone would be."""
+    """Number of samples that are rounded to what the offset alone would give."""
 
     def __post_init__(self) -> None:
         self.clean, self.added = Power(), Power(self.offsets[:, None])
 
     def reference(self, clean: np.ndarray) -> np.ndarray:
-        """What powers of the clean samples (row, antenna, sample) are summed about: the record's first row.
+        """The first row of the record, which is subtracted from clean samples (row, antenna, sample) before their powers are
+        summed.
 
-        Small changes of strong samples are more than rounding then.
+        So small changes of strong samples are not lost to rounding.
         """
         if not self.clean.rows:
             self.clean.reference = clean[0].copy()
         return np.asarray(self.clean.reference)
 
     def add(self, clean: np.ndarray, received: Received) -> None:
-        """Counts rows before and after the receiver."""
+        """Adds rows before and after the receiver to the sums."""
         before, after = column_sums(clean), column_sums(received.samples)
         self.clean.add(clean.shape, received.clean_w, before)
         self.added.add(clean.shape, received.added_w, after - before)
         self.note(received)
 
     def note(self, received: Received) -> None:
-        """Counts what the converters did."""
+        """Adds what the converters did to the sums."""
         self.peak = max(self.peak, float(received.peak.max()))
         self.input_w += float(received.input_w.sum(dtype=np.float64))
         self.lost += int(received.lost.sum(dtype=np.float64))
         self.clipped += int(received.clipped.sum(dtype=np.float64))
 
     def described(self) -> dict[str, Any]:
-        """Levels by the names that a recording's settings have for them; those that are not known are left out."""
+        """The levels by their names in a recording's settings; those that are not known are left out."""
         settings: dict[str, Any] = {"noise": ", ".join(self.receiver.effects) or "none"}
         floor_w = self.receiver.noise_floor_w(self.radar)
         if floor_w > 0:
@@ -234,7 +237,7 @@ class ReceiverLevels:
         return settings
 
     def warn(self) -> None:
-        """Tells of saturation, and of a step that is too coarse for what comes in."""
+        """Warns of saturation, and of a step that is too coarse for the input."""
         adc = self.receiver.adc
         if adc is None or not self.clean.count:
             return
@@ -256,7 +259,7 @@ class ReceiverLevels:
 
 
 def _heard(power_w: float, all_w: float) -> float:
-    """A power, or 0 where it is rounding."""
+    """The power, or 0 where it is only rounding."""
     return power_w if power_w > SILENT * all_w else 0.0
 
 
@@ -266,15 +269,15 @@ def _db(ratio: float) -> float:
 
 
 PARALLEL_CYCLES = 1e-3
-"""Chirps whose slopes differ by less than so many cycles over a chirp are parallel: they leave a tone."""
+"""Chirps whose slopes differ by less than this many cycles over a chirp count as parallel: their difference is a tone."""
 RINGING = 16
-"""Samples beside a burst in which the ideal IF filter still rings."""
+"""Number of samples beside a burst in which the ideal IF filter still rings."""
 PHASES = 4096
-"""Chirps of the other radar whose phases are drawn at once."""
+"""Number of the other radar's chirps whose phases are drawn at once."""
 
 
 class Interference:
-    """The chirps of one other radar, heard by all receivers over the line of sight (eq. 37)."""
+    """Interference by the chirps of another radar, which all receivers hear over the line of sight (eq. 37)."""
 
     def __init__(self, radar: Radar, interferer: Interferer, draws: Draws, number: int) -> None:
         if radar.track is not None:
@@ -298,14 +301,14 @@ class Interference:
         self._phases: dict[int, np.ndarray] = {}
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
-        """Samples (row, antenna, sample), from a row on, and the bursts in them."""
+        """Adds the bursts of interference to samples (row, antenna, sample) from a row on."""
         received = samples.astype(np.complex64)
         view = self._slots.by_slot(received)
         starts = self._slots.starts_s(first_row, len(samples))
         interferer, length = self._interferer, self._radar.sweep_time_s
         low = np.floor((starts - self._first_s - interferer.duration_s) / interferer.interval_s).astype(np.int64)
         if interferer.first_s is not None:
-            low = np.maximum(low, 0)  # where the start is drawn, it chirped before the record
+            low = np.maximum(low, 0)  # where the start is drawn, the other radar was already sending before the record
         high = np.floor((starts + length - self._first_s) / interferer.interval_s).astype(np.int64)
         for step in range(int((high - low).max(initial=-1)) + 1):
             chirp = low + step
@@ -318,10 +321,11 @@ class Interference:
         return received
 
     def burst(self, begins_s: float) -> tuple[slice, np.ndarray]:
-        """What a chirp that begins so long after the first ADC sample leaves at IF: which samples, and these, of power 1.
+        """IF signal of a chirp that begins `begins_s` after the first ADC sample: which samples it reaches, and their values for a
+        power of 1.
 
-        Where the two frequencies are f0 + slope t apart, the IF filter, ideal from 0 to the sample rate, lets through a burst of
-        the length rate / |slope|: Fresnel integrals between its edges.
+        Where the difference of both frequencies is f0 + slope t, the IF filter (ideal from 0 to the sample rate) passes a burst of
+        duration rate / |slope|, given by Fresnel integrals between its edges.
         """
         radar, interferer, rate = self._radar, self._interferer, self._radar.sample_rate_hz
         slope = radar.slope_hz_per_s - interferer.slope_hz_per_s
@@ -343,25 +347,27 @@ class Interference:
         return slice(first, last + 1), filtered_chirp(times + at_start_hz / slope, slope, rate)
 
     def _phase(self, chirp: int) -> complex:
-        """Phase factor of the other radar's chirp against this one's; it is drawn, since the other oscillator is not known."""
+        """Random phase factor of a chirp of the other radar relative to this one's, as the phase of the other oscillator is not
+        known."""
         part = chirp // PHASES
         if part not in self._phases:
             if len(self._phases) > 2:
                 del self._phases[min(self._phases)]
-            # Counters are not negative, and where the start is drawn a chirp before the record may be heard in it.
+            # Counters must not be negative, but where the start is drawn a chirp from before the record may be heard.
             self._phases[part] = self._draws.of(f"{self._name} phases", part + 1).random(PHASES)
         return complex(np.exp(2j * np.pi * self._phases[part][chirp % PHASES]))
 
 
 def received_w(eirp_dbm: float, gain: float, wavelength_m: float, range_m: float) -> float:
-    """Power over a one-way path [W] by Friis: EIRP G (lambda / 4 pi R)^2."""
+    """Received power over a one-way path [W] by Friis: EIRP G (lambda / 4 pi R)^2."""
     return float(10 ** ((eirp_dbm - 30) / 10) * gain * (wavelength_m / (4 * math.pi * range_m)) ** 2)
 
 
 def filtered_chirp(times_s: np.ndarray, slope_hz_per_s: float, bandwidth_hz: float) -> np.ndarray:
-    """exp(j pi slope t^2) through an ideal filter from 0 to a bandwidth, complex as times (from the crossing of frequency 0).
+    """exp(j pi slope t^2) after an ideal filter from 0 to a bandwidth, complex, at times from the instant at which the frequency is
+    0.
 
-    Its spectrum exp(-j pi f^2 / slope) / sqrt(|slope|) between the edges, transformed back: Fresnel integrals (Klauder 1960).
+    Inverse transform of its spectrum exp(-j pi f^2 / slope) / sqrt(|slope|) between the edges, by Fresnel integrals (Klauder 1960).
     """
     scale = math.sqrt(2 / abs(slope_hz_per_s))
     sine, cosine = np.zeros((2, len(times_s))), np.zeros((2, len(times_s)))

@@ -1,10 +1,10 @@
-"""Range cells of a gate as a receiver gives them, without ADC samples wherever these need not be made.
+"""Applies a receiver to the range cells of a gate, without computing ADC samples where these are not needed.
 
-Cells are linear in the samples, z = M v. Of v = a x + b conj(x) + noise, with the coefficients a and b of I/Q imbalance (eq. 35),
-thermal noise through these, 1/f noise and the rounding of the converters are Gaussian in the cells, with the covariance that M
-gives them: neighbours are correlated by the window. Where echoes' images b conj(x) fall into the gate, phase noise may count, or
-converters saturate, rows go through the receiver sample by sample; so do all beside interferers, and all of converters too coarse
-for their rounding to be white noise.
+Cells are linear in the samples, z = M v. For v = a x + b conj(x) + noise, with the coefficients a and b of I/Q imbalance (eq. 35),
+thermal noise after the imbalance, 1/f noise and the rounding of the converters are Gaussian in the cells. Their covariance follows
+from M; neighbouring cells are correlated by the window. Rows are processed sample by sample where the images b conj(x) of echoes
+fall into the gate, where phase noise may matter, or where converters saturate; so are all rows if there are interferers, or if
+converters are so coarse that their rounding is not white noise.
 """
 
 from __future__ import annotations
@@ -24,28 +24,30 @@ from t2d_rt.types import Radar, Receiver
 from t2d_rt.types.receiver import IqImbalance
 
 BLOCK_ROWS = 2048
-"""Rows that are worked on at once; a receiver acts on the samples of all of them or of none."""
+"""Rows that are processed at once; a receiver acts on the samples of all of them or of none."""
 LEVEL_SAMPLES = 32
-"""Samples of a chirp by which powers are told, evenly over the sweep."""
+"""Number of samples of a chirp, spread evenly over the sweep, from which powers are computed."""
 COARSEST = 2.5
-"""Step of the converters over the standard deviation of the noise in I: the correlation of rounding with the samples, and its
-departure from white noise of step^2 / 12, is then 2 exp(-2 pi^2 / COARSEST^2) = 8 % of its power (Widrow and Kollar 2008, 4.3)."""
+"""Greatest step of the converters relative to the standard deviation of the noise in I. The correlation of rounding with the
+samples, and its deviation from white noise of power step^2 / 12, are then 2 exp(-2 pi^2 / COARSEST^2) = 8 % of its power (Widrow
+and Kollar 2008, 4.3)."""
 IMAGE_BINS = 16
-"""Range bins beyond which an echo leaves 120 dB less, and an image, which is weaker, nothing."""
+"""Distance in range bins at which an echo has fallen by 120 dB, so that an image, which is weaker, is negligible."""
 MOST_CELLS = 256
-"""Cells whose noise is drawn by their covariance; with more the receiver acts on samples, which is faster then."""
+"""Greatest number of cells whose noise is drawn by their covariance; with more it is faster to process samples."""
 DEVIATIONS = 6.0
-"""Standard deviations of the noise that the converters have room for."""
+"""Number of standard deviations of the noise for which the converters must have room."""
 
 
 @one_blas_thread
 def receive_gated(
     rows: ProductRows, radar: Radar, receiver: Receiver | None, seed: int, matrix: np.ndarray, bins: slice
 ) -> tuple[np.ndarray, dict[str, Any]]:
-    """Cells complex64 (chirp, antenna, cell) of a cube's rows, and settings that tell the receiver's levels.
+    """Range cells, complex64 (chirp, antenna, cell), of a cube's rows after a receiver, and its levels for the recording's
+    settings.
 
-    matrix: what each sample adds to each cell, complex64 (sample, cell): the windowed FFT of a chirp at `bins`.
-    seed: of what is drawn, where the receiver has none of its own. Rows whose samples are made are those of `receive`.
+    matrix: weight of each sample in each cell, complex64 (sample, cell): the windowed FFT of a chirp at `bins`. seed: seed of the
+    random draws, where the receiver has none of its own. Rows that are processed by samples are those of `receive`.
     """
     count, *_ = rows.shape
     cells = np.empty((*rows.shape[:2], matrix.shape[1]), np.complex64)
@@ -61,12 +63,12 @@ def receive_gated(
         cells[first:stop] = work.cells(rows, first, stop)
     work.levels.warn()
     settings = work.levels.described()
-    settings.pop("adc_peak_dbfs", None)  # of rows without samples there is none
+    settings.pop("adc_peak_dbfs", None)  # without samples there is no peak
     return cells, settings
 
 
 class _Gated:
-    """A receiver before a gate."""
+    """A receiver whose output is needed in a range gate only."""
 
     def __init__(self, radar: Radar, receiver: Receiver, draws: Draws, matrix: np.ndarray, bins: slice) -> None:
         self._radar, self._draws, self._matrix, self._bins = radar, draws, matrix, bins
@@ -95,7 +97,7 @@ class _Gated:
         ).astype(np.complex64)
 
     def cells(self, rows: ProductRows, first: int, stop: int) -> np.ndarray:
-        """Those of some rows, from the first of a group on, complex64 (row, antenna, cell)."""
+        """Range cells of some rows, which begin with the first of a group, complex64 (row, antenna, cell)."""
         both = rows.through(self._both, first, stop)
         cells, strided = both[..., : self._width], both[..., self._width :]
         if self._acts_on_samples(strided, rows.phases(first, stop)):
@@ -113,7 +115,8 @@ class _Gated:
         return cells + noise
 
     def _acts_on_samples(self, strided: np.ndarray, phases: tuple[float, float]) -> bool:
-        """Whether an effect that is not linear may count in rows of these samples, whose beats lie between such phases over x."""
+        """Whether an effect that is not linear may matter in rows with these samples, whose beat frequencies have phases over x
+        between the two given."""
         stages, count = self._effects.stages, self._radar.samples
         if not len(self._factor):
             return True
@@ -127,14 +130,14 @@ class _Gated:
         if stages.adc is None:
             return False
         deviation = math.sqrt((self._noise_w - stages.adc.noise_power_w) / 2)
-        # A chirp's peak is at most its energy's root: all of it in one sample.
+        # the greatest possible peak of a chirp: all its energy in one sample
         peak = math.sqrt(count * power_w) + float(np.abs(self._effects.offsets).max()) + DEVIATIONS * deviation
         return peak > math.sqrt(stages.adc.full_scale_w) or stages.adc.step > COARSEST * deviation
 
     def _by_samples(self, samples: np.ndarray, first: int) -> np.ndarray:
         received = self._effects.received(samples, first, samples[0])
         departure = received.samples - samples - self._effects.offsets[:, None]
-        # A burst may lie between the samples that powers are told by.
+        # a burst may lie between the samples from which powers are computed
         added_w = (departure.real**2 + departure.imag**2).sum(axis=2)
         strided, departure = (values[..., self._stride // 2 :: self._stride] for values in (samples, departure))
         self._count(strided, departure, 0.0, added_w)
@@ -144,8 +147,8 @@ class _Gated:
     def _count(
         self, strided: np.ndarray, departure: np.ndarray, noise_w: float, added_w: np.ndarray | None = None
     ) -> None:
-        """Counts rows for the levels: some of their clean samples, and what is added to these beside noise of that power; `added_w`
-        (row, antenna) is the energy of that in all samples, where they are known."""
+        """Adds rows to the levels, from some of their clean samples and what is added to these beside noise of power `noise_w`;
+        `added_w` (row, antenna) is the energy of the addition in all samples, where that is known."""
         levels, shape = self.levels, (*strided.shape[:2], self._radar.samples)
         for power, values, about, more_w in (
             (levels.clean, strided, levels.reference(strided), 0.0),
@@ -160,16 +163,16 @@ class _Gated:
 
 
 def _bins(phases: tuple[float, float], count: int) -> tuple[int, int]:
-    """The range bins, as first and one after the last, that beats between two phases over x lie in."""
+    """First range bin, and the one after the last, in which beats with phases over x between two values lie."""
     low, high = (phase * count / (math.pi * (count - 1)) for phase in phases)
     return max(0, math.floor(low)), min(count, math.ceil(high) + 1)
 
 
 def _real_factor(covariance: np.ndarray, relation: np.ndarray) -> np.ndarray:
-    """Matrix (2 cell, 2 cell), float32, that makes noise z of cells from independent numbers of variance 1/2, both as real and
-    imaginary parts in turn.
+    """Matrix (2 cell, 2 cell), float32, from independent numbers of variance 1/2 to noise z of the cells, both as alternating real
+    and imaginary parts.
 
-    covariance, relation: mean of z z^H and of z z^T, (cell, cell).
+    covariance, relation: means of z z^H and of z z^T, (cell, cell).
     """
     cells = len(covariance)
     matrix = np.empty((2 * cells, 2 * cells))
@@ -177,6 +180,6 @@ def _real_factor(covariance: np.ndarray, relation: np.ndarray) -> np.ndarray:
         sign = 1 - 2 * part
         matrix[part::2, part::2] = sign * block.real / 2
         matrix[1 - part :: 2, part::2] = block.imag / 2
-    # By eigenvalues: a window of zeros at its ends leaves the covariance of all cells singular.
+    # By eigenvalues: with a window that is zero at its ends, the covariance of all cells is singular.
     values, vectors = np.linalg.eigh(matrix)
     return np.asarray((vectors * np.sqrt(2 * np.maximum(values, 0.0))).T, np.float32)

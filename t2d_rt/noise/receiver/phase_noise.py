@@ -1,8 +1,9 @@
-"""Phase noise of the oscillator that transmitter and receiver share: an echo of delay tau keeps phi(t) - phi(t - tau).
+"""Phase noise of the oscillator that transmitter and receiver share: an echo of delay tau has the residual phase phi(t) - phi(t -
+tau).
 
 An ADC sample is a sum of echoes, each at the beat frequency S tau, so the range FFT of a chirp sorts them by delay. The factor
-exp(j (phi(t) - phi(t - tau))) is worked out at a few delays and interpolated between them by polynomials in tau: a factor over
-time for each of these delays, times the chirp with its range bins weighted by a polynomial.
+exp(j (phi(t) - phi(t - tau))) is computed at a few delays (nodes) and interpolated by polynomials in tau: a factor over time for
+each node multiplies the chirp with its range bins weighted by the node's polynomial.
 """
 
 from __future__ import annotations
@@ -25,29 +26,30 @@ from t2d_rt.types.receiver import Leeson, Mask
 Oscillator = Mask | Leeson
 
 INTERPOLATION = 1e-3
-"""Greatest error of the interpolation over delay, in power over that of the phase noise left at that delay."""
+"""Greatest error of the interpolation over delay, relative to the power of the residual phase noise at that delay."""
 LEAST_SAMPLES = 16
-"""Samples that a chirp has at least, for the range bins to tell delays apart."""
+"""Least number of samples in a chirp with which range bins can separate delays."""
 MOST_NODES, MOST_WEIGHTS = 128, 20_000_000
-"""Delays at which phase noise may be worked out, and these times the samples of a chirp."""
+"""Greatest number of nodes, and of nodes times samples of a chirp."""
 RETURN = 1 / 8
 """Fraction of the range bins, the farthest ones, over which the delay returns to 0: they hold what leaks from the nearest ones."""
 SMALL_ANGLE_RAD = 0.3
-"""Greatest rms of the residual phase for which side bands are those of small angles: the carrier has lost 0.4 dB to them."""
+"""Greatest rms of the residual phase [rad] at which sidebands are still those of small angles; the carrier has then lost 0.4 dB to
+them."""
 TRIED = 200
-"""Frequencies, and delays, at which the interpolation and the level of phase noise are worked out."""
+"""Number of frequencies, and of delays, at which the interpolation and the level of phase noise are evaluated."""
 NEGLIGIBLE = 1e-2
-"""Rows in which phase noise lies that far below thermal noise, at every frequency, stay as they are: 0.04 dB of the noise."""
+"""Rows are not changed where phase noise, at every frequency, is below thermal noise by this factor: 0.04 dB of the noise."""
 BOUND_ORDER, BOUND_LEAST, ROUNDING = 2, 3e-3, 1e-5
-"""Of the sum of cosines that bounds the level: its highest order, the part of the greatest level below which it need not follow,
-and the part of it that sums in float32 may be wrong by."""
+"""For the sum of cosines that bounds the level: its highest order, the fraction of the greatest level below which it need not
+follow the level, and the relative rounding error of float32 sums."""
 SMALL_RAD = 0.05
-"""Up to such phases exp(j phase) - 1 is its series up to the fourth power, as exact as float32."""
+"""Greatest phase [rad] for which exp(j phase) - 1 is evaluated as a series up to the fourth power, as exact as float32."""
 
 
 @dataclass(frozen=True)
 class _FrequencyNoise:
-    """Density of the frequency noise, that of 2 pi f phi [rad^2/s^2/Hz] over frequency [Hz], from the oscillator's L(f)."""
+    """Density of the frequency noise 2 pi f phi [rad^2/s^2/Hz], over frequency [Hz], from the oscillator's L(f)."""
 
     oscillator: Oscillator
 
@@ -57,24 +59,24 @@ class _FrequencyNoise:
 
 @dataclass(frozen=True, eq=False)
 class _Design:
-    """What the phase noise of an oscillator needs in a radar; the same for every draw."""
+    """Everything about the phase noise of an oscillator in a radar that is the same for all random draws."""
 
     powers: np.ndarray
-    """Power of the phase in each bin of an FFT of twice a chirp's samples, from 0 to half the rate, (sample + 1,)."""
+    """Power of the phase in each bin of an FFT with twice the samples of a chirp, from 0 to half the rate, (sample + 1,)."""
     nodes: Nodes
     delayed: np.ndarray
-    """exp(-2 pi j f tau) of nodes' delays and the bins' frequencies, (node, sample + 1)."""
+    """Phasors exp(-2 pi j f tau) for the nodes' delays and the bins' frequencies, (node, sample + 1)."""
     greatest: np.ndarray
-    """Greatest density of the residual phase noise of each range bin over its beat or Doppler frequency, times the sample rate: the
-    level of the white noise that lies nowhere below it, relative to the echo's power; (sample,)."""
+    """For each range bin, the greatest density of the residual phase noise over beat or Doppler frequency, times the sample rate:
+    the level of white noise that is nowhere below it, relative to the echo's power, (sample,)."""
     bound: np.ndarray
-    """Coefficients of a sum of cosines that bounds `greatest` from above, as `bounding` finds them."""
+    """Coefficients of a sum of cosines that bounds `greatest` from above, as `bounding` returns them."""
     rate: Slow
-    """Process of the frequency noise 2 pi f phi from chirp to chirp; a recording draws from a copy with its own seed."""
+    """Process of the frequency noise 2 pi f phi from chirp to chirp; a recording uses a copy with its own seed."""
 
     @classmethod
     def of(cls, radar: Radar, oscillator: Oscillator) -> _Design:
-        """The design for a radar and its oscillator; raises InputError where chirps have too few samples to be sorted by range."""
+        """The design for a radar and its oscillator; raises InputError where chirps have too few samples to separate delays."""
         if radar.samples < LEAST_SAMPLES:
             raise InputError(
                 f"phase noise is sorted by range, for which chirps need {LEAST_SAMPLES} samples or more, got {radar.samples}; take "
@@ -82,7 +84,7 @@ class _Design:
             )
         fast = Fast(oscillator.density, radar.samples, radar.sample_rate_hz)
         powers = fast.amplitudes()[: radar.samples + 1] ** 2
-        powers[-1] = 0.0  # of half the rate, at which a delay is not defined
+        powers[-1] = 0.0  # phase of half the rate, for which a delay is not defined
         frequencies = np.arange(radar.samples + 1) * (radar.sample_rate_hz / fast.length)
         rate = Slow(_FrequencyNoise(oscillator), radar.prf_hz, fast.lowest_hz, Draws(0), "phase noise of slots")
         delays = bin_delays_s(radar)
@@ -96,7 +98,7 @@ class _Design:
         greatest = np.interp(np.abs(delays), between, np.maximum(fastest, slow))
         design = cls(powers, nodes, delayed, greatest, bounding(greatest), rate)
         for values in (powers, nodes.delays_s, nodes.weights, delayed, greatest, design.bound):
-            values.setflags(write=False)  # kept for other recordings
+            values.setflags(write=False)  # cached for other recordings
         return design
 
 
@@ -104,7 +106,7 @@ _design = lru_cache(maxsize=16)(_Design.of)
 
 
 class PhaseNoise:
-    """Range-correlated phase noise of an oscillator whose density is L(f) at either sign (eq. 33, 34)."""
+    """Range-correlated phase noise of an oscillator with the density L(f) on both sides of the carrier (eq. 33, 34)."""
 
     def __init__(self, radar: Radar, oscillator: Oscillator, draws: Draws, *, thermal_w: float) -> None:
         self._slots, self._draws, self._thermal_w = TimeSlots(radar), draws, thermal_w
@@ -112,8 +114,8 @@ class PhaseNoise:
         self._slow = replace(self._design.rate, draws=draws, _spectra={})
 
     def __call__(self, samples: np.ndarray, first_row: int) -> np.ndarray:
-        """Samples (row, antenna, sample) of echoes, from the first row of a group on, with the phase noise of the oscillator; the
-        same array where none counts."""
+        """Adds phase noise to samples (row, antenna, sample) of echoes; the first row must be the first of a group. Returns the
+        same array where phase noise is negligible."""
         noisy_samples, rows = samples, self._slots.group_rows
         may_count = self._may_count(samples)
         for start in range(0, len(samples), rows):
@@ -131,18 +133,20 @@ class PhaseNoise:
         return noisy_samples
 
     def _add(self, samples: np.ndarray, spectrum: np.ndarray, phases: np.ndarray) -> None:
-        """Adds to samples of this spectrum (row, antenna, sample) what phases (node, row, slot, sample) make of them."""
+        """Adds the phase noise to samples with the range spectrum `spectrum` (row, antenna, sample); `phases` (node, row, slot,
+        sample) are the residual phases at the nodes."""
         view = self._slots.by_slot(samples)
         for weights, phase in zip(self._design.nodes.weights, phases, strict=True):
             part = fft.ifft(spectrum * weights.astype(np.float32), axis=2, overwrite_x=True)
             view += _factors(phase)[:, :, None] * self._slots.by_slot(part)
 
     def _phases(self, number: int, rows: np.ndarray) -> np.ndarray:
-        """phi(t) - phi(t - tau) [rad] for each of the nodes' delays, float32 (node, row, slot, sample), of some rows of a group."""
+        """Residual phases phi(t) - phi(t - tau) [rad] at the nodes' delays, float32 (node, row, slot, sample), for some rows of a
+        group."""
         count, design = self._slots.radar.samples, self._design
         drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(design.powers)))[rows]
         drawn *= (2 * count * np.sqrt(design.powers)).astype(np.float32)
-        # The real part of a complex process of a symmetric spectrum has half its power.
+        # the real part of a complex process with a symmetric spectrum has half its power
         places = self._slots.numbers(number * self._slots.group_rows, len(rows))[rows]
         rate = math.sqrt(2) * self._slow.at(places).real
         phases = np.empty((len(design.nodes.delays_s), *drawn.shape[:2], count), np.float32)
@@ -152,21 +156,21 @@ class PhaseNoise:
         return phases
 
     def _may_count(self, samples: np.ndarray) -> np.ndarray:
-        """Rows (row, antenna, sample) that `_rows` may choose, by a bound of their levels that takes no spectra."""
+        """Rows (row, antenna, sample) that `_rows` may select, from an upper bound of their levels that needs no spectra."""
         if self._thermal_w <= 0:
             return np.ones(len(samples), bool)
         levels = lags(samples, BOUND_ORDER) @ self._design.bound / samples.shape[2]
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
     def may_count(self, power_w: float, bins: slice) -> bool:
-        """Whether phase noise may count in a row of that power, of beats within some range bins."""
+        """Whether phase noise may matter in a row of that power whose beats lie within some range bins."""
         return power_w * float(self._design.greatest[bins].max(initial=0.0)) > NEGLIGIBLE * self._thermal_w
 
     def _rows(self, spectrum: np.ndarray) -> np.ndarray:
-        """Which rows of a spectrum (row, antenna, sample) have phase noise that counts."""
+        """Selects the rows of a spectrum (row, antenna, sample) in which phase noise matters."""
         if self._thermal_w <= 0:
             return np.ones(len(spectrum), bool)
-        # Sums, not a product of matrices: of the same bits whatever other rows there are.
+        # summed instead of a matrix product, so that the bits do not depend on which rows there are
         levels = (np.abs(spectrum) ** 2 * (self._design.greatest / spectrum.shape[2] ** 2)).sum(axis=2)
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
@@ -174,7 +178,7 @@ class PhaseNoise:
 def bounding(values: np.ndarray) -> np.ndarray:
     """Coefficients a_0, a_1, b_1, ... of a sum of a_m cos(2 pi m k / K) + b_m sin(2 pi m k / K) that bounds values (K,) from above.
 
-    It lies above them by as small a part of them as it can.
+    The bound exceeds the values by as small a fraction as possible.
     """
     from scipy.optimize import linprog
 
@@ -191,7 +195,8 @@ def bounding(values: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def residual_rms_rad(radar: Radar, oscillator: Oscillator) -> float:
-    """Greatest rms of phi(t) - phi(t - tau) over the delays tau of the range axis [rad], from 2 L(f) 4 sin^2(pi f tau) (eq. 34)."""
+    """Greatest rms of the residual phase phi(t) - phi(t - tau) over the delays tau of the range axis [rad], from 2 L(f) 4 sin^2(pi
+    f tau) (eq. 34)."""
     offset = np.geomspace(radar.prf_hz / 8192, radar.sample_rate_hz / 2, 4000)
     delays = np.linspace(0, float(np.abs(bin_delays_s(radar)).max()), 50)[:, None]
     values = 8 * oscillator.density(offset) * np.sin(np.pi * offset * delays) ** 2
@@ -199,8 +204,8 @@ def residual_rms_rad(radar: Radar, oscillator: Oscillator) -> float:
 
 
 def _factors(phase: np.ndarray) -> np.ndarray:
-    """exp(j phase) - 1 of phases (row, ...) [rad], complex64, without the loss of digits; a row is the same bits whatever others
-    there are."""
+    """exp(j phase) - 1 for phases (row, ...) [rad], complex64, without loss of digits; the bits of a row do not depend on the
+    others."""
     factors = np.empty(phase.shape, np.complex64)
     square = phase * phase
     factors.real = square * (square * np.float32(1 / 24) - np.float32(0.5))
@@ -215,18 +220,18 @@ def _factors(phase: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True)
 class Nodes:
-    """Delays at which phase noise is worked out, beside 0 at which there is none, and what each adds to a range bin."""
+    """Delays at which phase noise is computed, in addition to 0 where there is none, and the weight of each in a range bin."""
 
     delays_s: np.ndarray
     weights: np.ndarray
-    """Lagrange polynomials at the bins' delays, (node, sample)."""
+    """Lagrange polynomials of the nodes at the bins' delays, (node, sample)."""
 
 
 def bin_delays_s(radar: Radar) -> np.ndarray:
-    """Delay of each range bin [s], (sample,): its beat frequency over the slope, up to the last eighth.
+    """Delay of each range bin [s], (sample,): its beat frequency over the slope, except in the last eighth of the bins.
 
-    There it returns to 0 by a cubic. The delay is then smooth over the bins as the FFT sees them, in a circle, and what leaks
-    from an echo between two bins gets about its delay but for a few samples at the ends of the chirp.
+    There it returns to 0 by a cubic, so that the delay is smooth on the circle of FFT bins. What leaks from an echo between two
+    bins then gets nearly its delay, except for a few samples at the ends of the chirp.
     """
     bins = np.arange(radar.samples)
     delays = bins * (radar.sample_rate_hz / radar.samples / radar.slope_hz_per_s)
@@ -238,9 +243,9 @@ def bin_delays_s(radar: Radar) -> np.ndarray:
 
 
 def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarray) -> Nodes:
-    """As few nodes as keep the interpolation's error below `INTERPOLATION` for noise of these powers at these frequencies, which
+    """The least number of nodes that keep the error below `INTERPOLATION`, for noise with these powers at these frequencies, which
     begin at 0."""
-    chosen = _lower_ones(len(powers) - 2) + 1  # neither 0 nor half the sample rate
+    chosen = _lower_ones(len(powers) - 2) + 1  # neither frequency 0 nor half the sample rate
     frequencies, power = frequencies_hz[chosen][:, None], powers[chosen] * np.gradient(chosen.astype(float))
     straight = np.unique(np.linspace(1, math.floor(len(delays_s) * (1 - RETURN)) - 1, TRIED).astype(int))
     exact = 1 - np.exp(-2j * np.pi * frequencies * delays_s[straight])
@@ -260,7 +265,7 @@ def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarr
 
 
 def _lower_ones(count: int) -> np.ndarray:
-    """Up to `TRIED` of the numbers 0..count - 1, all of the lowest ones, ever fewer of the others."""
+    """Up to `TRIED` of the numbers 0..count - 1: all of the lowest, and progressively fewer of the others."""
     return np.unique(np.geomspace(1, max(1, count), TRIED).astype(int)) - 1
 
 
@@ -269,7 +274,7 @@ def _nodes(delays_s: np.ndarray, greatest_s: float, count: int) -> Nodes:
     points = greatest_s * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
     scale = (-1.0) ** np.arange(count + 1)
     scale[[0, -1]] /= 2
-    # Barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4).
+    # barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4)
     apart = delays_s - points[:, None]
     met = np.abs(apart) < 1e-12 * points[-1]
     terms = scale[:, None] / np.where(met, 1.0, apart)
@@ -284,14 +289,14 @@ Pair = tuple[Any, Any]
 def lags(samples: np.ndarray, greatest: int) -> np.ndarray:
     """Circular autocorrelation of samples (row, antenna, sample) along each row, the sum of s[n + m] conj(s[n]) over n.
 
-    Its real part at lag 0, real and imaginary part at lag 1, and so on up to the greatest: float32 (row, antenna, part).
+    float32 (row, antenna, part): the real part at lag 0, then real and imaginary part at lags 1 to `greatest`.
     """
     import drjit as dr
 
     backend = select("cpu")
     Float32, UInt32 = backend.Float32, backend.UInt32
     rows, antennas, count = samples.shape
-    size = 1 if count % 2 else 2  # samples that are read at once
+    size = 1 if count % 2 else 2  # number of samples read at once
     Packet = (backend.arrays.Array2f, backend.arrays.Array4f)[size - 1]
     flat = flat_on_device(samples, Float32)
     lanes, packets = dr.arange(UInt32, rows * antennas), dr.opaque(UInt32, count // size)

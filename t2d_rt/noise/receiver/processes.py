@@ -1,10 +1,10 @@
-"""Stationary Gaussian noise of any spectrum, as chirps with gaps between them sample it.
+"""Stationary Gaussian noise of any spectrum, sampled by chirps with gaps between them.
 
-What is faster than a chirp is drawn for each chirp by itself: its spectrum, smooth over the PRF, leaves nothing in common
-between chirps. What is slower is one value for each chirp, of a process on the grid of the PRF that is drawn in overlapping
-segments, so that any of it can be had without what comes before.
+Components faster than a chirp are drawn for each chirp independently: their spectrum is smooth over the PRF, so that chirps are
+uncorrelated. Slower components are one value per chirp, from a process on the grid of the PRF that is drawn in overlapping
+segments, so that any part of it can be computed without what comes before.
 
-Every row of the cube is one time slot, with "tdm" one for each transmitter (`TimeSlots`).
+Every row of the cube is one time slot; with "tdm" there is one for each transmitter (`TimeSlots`).
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from t2d_rt.types import Radar
 
 @dataclass(frozen=True, slots=True)
 class TimeSlots:
-    """The slots of a radar; a receive channel is a receiver, or with "simultaneous" each virtual antenna by itself."""
+    """The time slots of a radar. A receive channel is a receiver, or with "simultaneous" each virtual antenna by itself."""
 
     radar: Radar
 
     @property
     def per_row(self) -> int:
-        """Time slots of one row."""
+        """Number of time slots in a row."""
         return self.radar.loop_chirps
 
     @property
     def channels(self) -> int:
-        """Receive channels, each with noise of its own."""
+        """Number of receive channels, each of which has independent noise."""
         return self.radar.antennas // self.per_row
 
     @property
     def group_rows(self) -> int:
-        """Rows of the cube in a group."""
+        """Number of rows of the cube in a group."""
         return group_rows(self.radar.antennas * self.radar.samples)
 
     def numbers(self, first: int, rows: int) -> np.ndarray:
-        """Numbers of the slots of rows from the first on, on a grid of the PRF, (row, slot)."""
+        """Indices, on a grid of the PRF, of the slots of `rows` rows from `first` on, (row, slot)."""
         return np.rint(self.starts_s(first, rows) * self.radar.prf_hz).astype(np.int64)
 
     def starts_s(self, first: int, rows: int) -> np.ndarray:
-        """Times of the slots' first ADC samples [s], (row, slot)."""
+        """Times of the first ADC samples of the slots [s], (row, slot)."""
         radar = self.radar
         row = np.arange(first, first + rows)
         if radar.loops_per_frame is None or radar.frame_interval_s is None:
@@ -61,24 +61,25 @@ class TimeSlots:
 
 
 Density = Callable[[np.ndarray], np.ndarray]
-"""Two-sided power density over frequency of any sign [1/Hz]. Hashable, as the key of a cache: equal ones are taken for the same."""
+"""Two-sided power density [1/Hz] as a function of frequency [Hz]. It must be hashable, as it is the key of a cache."""
 SEGMENT = 4096
-"""Chirps of a segment; slower noise than that is left out."""
+"""Number of chirps in a segment; slower noise than one cycle per segment is left out."""
 FOLDED = 4
-"""A spectrum is folded bin by bin up to so many times the PRF; beyond, it is taken to be smooth over the PRF."""
+"""A spectrum is aliased bin by bin up to this multiple of the PRF; beyond that it is taken to be smooth over the PRF."""
 OVERSAMPLED = 8
-"""Frequencies at which a density is averaged over a bin."""
+"""Number of frequencies over which a density is averaged within a bin."""
 
 
 def bin_powers(density: Density, width_hz: float, numbers: np.ndarray) -> np.ndarray:
-    """Power of a density in bins around `numbers` times a width, by the midpoints of parts of each."""
+    """Power of a density in frequency bins centred at `numbers` times a width, by midpoint sums."""
     parts = (np.arange(OVERSAMPLED) + 0.5) / OVERSAMPLED - 0.5
     return np.asarray(density((numbers[:, None] + parts) * width_hz).mean(axis=1) * width_hz)
 
 
 @dataclass(frozen=True)
 class Slow:
-    """One value for each slot: a real or complex process of all frequencies below `limit_hz`, those above PRF / 2 folded."""
+    """Noise with one value per slot: a real or complex process with all frequencies below `limit_hz`; those above PRF / 2 are
+    aliased."""
 
     density: Density
     prf_hz: float
@@ -88,13 +89,14 @@ class Slow:
     _spectra: dict[int, np.ndarray] = field(default_factory=dict)
 
     def greatest(self) -> float:
-        """Greatest density over frequency, times the PRF: the power of white noise that nowhere lies below it."""
+        """Greatest density over frequency, times the PRF: the power of white noise that is nowhere below it."""
         return float(self._powers.max() * SEGMENT)
 
     def at(self, numbers: np.ndarray) -> np.ndarray:
-        """Complex values at slots by their numbers: real and imaginary part are two independent processes of half the power."""
+        """Complex values at slots, given by their indices; real and imaginary part are independent processes of half the power
+        each."""
         half = SEGMENT // 2
-        # Every slot lies in two segments, whose squared windows add up to 1.
+        # every slot lies in two segments, whose squared windows add up to 1
         first = numbers // half
         values = np.zeros(numbers.shape, complex)
         for segment in np.unique(np.concatenate([first.ravel(), first.ravel() + 1])).tolist():
@@ -105,7 +107,7 @@ class Slow:
         return values
 
     def _segment(self, number: int) -> np.ndarray:
-        """The numbers of a segment, (SEGMENT,); three segments are kept, which blocks of rows in order need."""
+        """The numbers of a segment, (SEGMENT,); three segments are cached, which is enough for blocks of rows in order."""
         if number not in self._spectra:
             if len(self._spectra) > 2:
                 del self._spectra[min(self._spectra)]
@@ -120,7 +122,7 @@ class Slow:
 
 @lru_cache(maxsize=16)
 def _slot_powers(density: Density, prf_hz: float, limit_hz: float) -> np.ndarray:
-    """Power in each bin of a segment's FFT, nothing at frequency 0."""
+    """Power in each bin of a segment's FFT; 0 at frequency 0."""
     width, near_hz = prf_hz / SEGMENT, min(limit_hz, FOLDED * prf_hz)
     count = max(1, round(near_hz / width))
     number = np.concatenate([np.arange(-count, 0), np.arange(1, count + 1)])
@@ -135,7 +137,8 @@ def _slot_powers(density: Density, prf_hz: float, limit_hz: float) -> np.ndarray
 
 @dataclass(frozen=True)
 class Fast:
-    """Noise within chirps, of frequencies above `lowest_hz`: by FFTs of twice the samples, so that a chirp holds no period."""
+    """Noise within chirps, with frequencies above `lowest_hz`; by FFTs of twice the samples, so that it is not periodic in a
+    chirp."""
 
     density: Density
     samples: int
@@ -143,16 +146,16 @@ class Fast:
 
     @property
     def length(self) -> int:
-        """Points of the FFT."""
+        """Number of points of the FFT."""
         return 2 * self.samples
 
     @property
     def lowest_hz(self) -> float:
-        """Frequency below which noise is that of the slots [Hz]."""
+        """Frequency [Hz] below which noise is that of `Slow`."""
         return self.rate_hz / self.length / 2
 
     def amplitudes(self) -> np.ndarray:
-        """Root of the power in each of the FFT's bins, in the order of `numpy.fft.fftfreq`, none at 0."""
+        """Root of the power in each bin of the FFT, in the order of `numpy.fft.fftfreq`; 0 at frequency 0."""
         number = np.fft.fftfreq(self.length, 1 / self.length)
         powers = bin_powers(self.density, self.rate_hz / self.length, number)
         powers[0] = 0.0

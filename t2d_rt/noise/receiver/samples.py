@@ -1,6 +1,7 @@
-"""What is done to each sample by itself or with those before it in its chirp: one kernel, whose lanes are the chirps of antennas.
+"""Receiver effects that act on a sample by itself, or with earlier samples of its chirp; one kernel, whose lanes are chirps of
+antennas.
 
-Thermal noise, I/Q imbalance, 1/f noise, constants, quantisation and saturation, and sums for the levels of all that.
+These are thermal noise, I/Q imbalance, 1/f noise, constants, quantisation and saturation, and sums for the levels of all these.
 """
 
 from __future__ import annotations
@@ -19,41 +20,41 @@ from t2d_rt.types.receiver import Adc, IqImbalance
 Pair = tuple[Any, Any]
 """Real and imaginary part."""
 BEGINNINGS = 1 << 30
-"""Numbers of samples from which the states before a chirp are drawn: no chirp has so many."""
+"""First counter of the random numbers for the filter's state before a chirp; no chirp has so many samples."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stages:
-    """What is on, from the antenna to the converters; None leaves it out."""
+    """The effects that are switched on, from the antenna to the converters; None leaves one out."""
 
     draws: Draws
     thermal_w: float = 0.0
-    """Power of a complex sample [W]."""
+    """Thermal noise power of a complex sample [W]."""
     imbalance: IqImbalance | None = None
     flicker: Filter | None = None
     flicker_w: float = 0.0
-    """Factor of the filter's power [W]."""
+    """Factor on the power of the 1/f filter's noise [W]."""
     adc: Adc | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Received:
-    """Samples after the stages, and sums over those of each row and antenna."""
+    """Samples after the effects, and sums over the samples of each row and antenna."""
 
     samples: np.ndarray
-    """complex64 (row, antenna, sample)."""
+    """Samples, complex64 (row, antenna, sample)."""
     clean_w: np.ndarray
     """Sum of |sample before - reference|^2 [W], float32 (row, antenna)."""
     added_w: np.ndarray
-    """Sum of |sample after - sample before - constant|^2 [W], likewise."""
+    """Sum of |sample after - sample before - constant|^2 [W], float32 (row, antenna)."""
     peak: np.ndarray
     """Greatest |I| or |Q| before the converters [sqrt(W)]."""
     clipped: np.ndarray
-    """Samples that were clipped in I or Q."""
+    """Number of samples that were clipped in I or Q."""
     input_w: np.ndarray
     """Sum of |sample before the converters - constant of the antenna|^2 [W]; 0 without converters."""
     lost: np.ndarray
-    """Samples that are rounded to what the constant alone would be."""
+    """Number of samples that are rounded to what the constant alone would give."""
 
 
 @one_thread_at_a_time
@@ -66,17 +67,16 @@ def through(
     offsets: np.ndarray,
     reference: np.ndarray,
 ) -> Received:
-    """Samples of rows from the first on (row, antenna, sample), complex64, after the stages; a row is the same bits whatever others
-    there are.
+    """Applies the effects to samples (row, antenna, sample), complex64, of rows from `first_row` on; the bits of a row do not
+    depend on the others.
 
-    clean, changed: samples as they were and as earlier effects have left them, the same array where there are none.
-    constants: added to every sample of a row and antenna beside `offsets`, complex64 (row, antenna).
-    offsets: complex64 (antenna,), which the levels do not count.
-    reference: samples that `clean` hardly departs from, (antenna, sample).
+    clean, changed: samples as they were, and after earlier effects; the same array where there are none. constants: added to every
+    sample of a row and antenna in addition to `offsets`, complex64 (row, antenna). offsets: complex64 (antenna,), which the levels
+    leave out. reference: samples close to `clean`, (antenna, sample), about which powers are summed.
     """
     import drjit as dr
 
-    backend = select("cpu")  # the same bits on a machine with a GPU
+    backend = select("cpu")  # on the CPU even if there is a GPU, for the same bits
     rows, antennas, count = clean.shape
     work = _Work(backend, stages, count)
     UInt32 = backend.UInt32
@@ -129,16 +129,16 @@ def through(
 
 
 class _Work:
-    """Stages as expressions of a kernel."""
+    """The effects as expressions in a kernel."""
 
     def __init__(self, backend: Backend, stages: Stages, count: int) -> None:
         import drjit as dr
 
         self.backend, self._stages = backend, stages
         self.size = 1 if count % 2 else 2
-        """Samples that are read and written at once."""
+        """Number of samples that are read and written at once."""
         self.packet = (backend.arrays.Array2f, backend.arrays.Array4f)[self.size - 1]
-        # All numbers come in as arrays: one in the code would compile a new kernel.
+        # Numbers are passed in arrays, as a number in the code would compile a new kernel.
         self._seeds = [dr.opaque(backend.UInt32, word) for word in stages.draws.words("samples")]
         self._thermal = self._opaque(math.sqrt(stages.thermal_w))
         if stages.imbalance is not None:
@@ -161,23 +161,23 @@ class _Work:
         return dr.opaque(self.backend.Float32, float(value))
 
     def flat(self, values: np.ndarray) -> Any:
-        """Complex numbers on the device."""
+        """Complex numbers as a flat array on the device."""
         return flat_on_device(values, self.backend.Float32)
 
     def read(self, values: Any, place: Any) -> list[Pair]:
-        """The samples of a packet."""
+        """Reads the samples of a packet."""
         import drjit as dr
 
         packet = dr.gather(self.packet, values, place)
         return [(packet[2 * k], packet[2 * k + 1]) for k in range(self.size)]
 
     def _drawn(self, sample: Any, place: Any) -> tuple[list[Any], list[Any]]:
-        """Words for two normal numbers."""
+        """Random words for two normal numbers."""
         words = hashed([sample, place, *self._seeds])
         return words[:2], words[2:]
 
     def beginning(self, place: Any) -> list[Pair]:
-        """State of the 1/f noise before the first sample."""
+        """Random state of the 1/f filter before the first sample."""
         if self._stages.flicker is None:
             return []
         drawn = []
@@ -190,7 +190,7 @@ class _Work:
         ]
 
     def stage(self, number: Any, place: Any, sample: Pair, state: list[Pair]) -> tuple[Pair, list[Pair]]:
-        """A sample with thermal noise, image and 1/f noise; and the state of the latter."""
+        """A sample after thermal noise, I/Q imbalance and 1/f noise; and the state of the 1/f filter."""
         stages = self._stages
         real, imag = sample
         if stages.thermal_w > 0 or stages.flicker is not None:
@@ -211,10 +211,10 @@ class _Work:
         return (real, imag), state
 
     def converted(self, sample: Pair, constant: Pair, sums: list[Any]) -> Pair:
-        """A sample after the converters; the sums get its peak, its power about the constant in it, and whether it is clipped or
+        """A sample after the converters. Adds to the sums its peak, its power about the constant, and whether it is clipped or
         lost.
 
-        A full-scale tone keeps 6.02 bits + 1.76 dB over the quantisation noise of each channel (eq. 38).
+        A full-scale tone has 6.02 bits + 1.76 dB over the quantisation noise of each channel (eq. 38).
         """
         import drjit as dr
 
@@ -230,9 +230,9 @@ class _Work:
         sums[3] += dr.select(clipped, one, none)
         sums[4] += _power(a - b for a, b in zip(sample, constant, strict=True))
         sums[5] += dr.select(lost, one, none)
-        return inside[0] * step + 0.0, inside[1] * step + 0.0  # no -0
+        return inside[0] * step + 0.0, inside[1] * step + 0.0  # avoids -0
 
 
 def _power(parts: Any) -> Any:
-    """Power of a complex number by its parts: the sum of their squares."""
+    """Power of a complex number: the sum of the squares of its parts."""
     return sum(part * part for part in parts)
