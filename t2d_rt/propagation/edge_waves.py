@@ -17,7 +17,7 @@ from t2d_rt.core.backend import Backend, one_thread_at_a_time
 from t2d_rt.geometry.vectors import cross, dot, inner, norms, unit, vector_product
 from t2d_rt.propagation.images import images, instants_of
 from t2d_rt.propagation.occluders import PosedOccluders
-from t2d_rt.propagation.rays import LIFT_M, mitsuba, mitsuba_mesh, rays, traceable
+from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, mitsuba_mesh, traceable
 from t2d_rt.types import OneWayPath
 
 FULL_V, NO_WAVE_V = 2.2, 3.4
@@ -180,7 +180,7 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
         counts = (distance > first) & (distance < last)
         # Directions lie so close that chords are angles: about the ray to a point a piece runs from a to b, its middle is w and s
         # its extent.
-        s = [end - begin for begin, end in zip(a, b, strict=True)]
+        s = [two - one for one, two in zip(a, b, strict=True)]
         w_squared, across = dot(w, w), dot(ahead, cross(b, a))
         angle = dr.atan2(across, dot(a, b))
         # The mean of w squared over the angle that a piece turns about the ray, and the phase, which is about linear there.
@@ -199,7 +199,7 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
     def add(piece: Any, sums: list[Any]) -> tuple[Any, list[Any]]:
         *a, reach = dr.gather(Packet, pieces, 2 * piece)
         *b, distance = dr.gather(Packet, pieces, 2 * piece + 1)
-        a, b = ([one - other for one, other in zip(end, relative, strict=True)] for end in (a, b))
+        a, b = ([one - other for one, other in zip(ends, relative, strict=True)] for ends in (a, b))
         w = [(one + other) / 2 for one, other in zip(a, b, strict=True)]
         # A branch, which lanes pass over together where the piece is near none of their points.
         near = dot(w, w) < reach
@@ -291,20 +291,19 @@ def _groups(
 def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: float) -> np.ndarray:
     """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners (K, 8, 3) m
     each: bool (K,)."""
-    mine, others = part.appear(mine) - part.origin_m, others - part.origin_m
-    ahead, middle = unit(mine.mean(axis=1)), others.mean(axis=1)
-    depths_m = [inner(corners, ahead[:, None]) for corners in (mine, others)]
-    nearest_m = depths_m[1].min(axis=1)
-    apart = (nearest_m > depths_m[0].max(axis=1)) | (depths_m[1].max(axis=1) < 0)
-    close_by = np.minimum(depths_m[0].min(axis=1), nearest_m) < LEAST_DEPTH_M
-    # Seen in perspective a box lies within its corners, and angles are larger by as much as the square of distance over depth.
-    across = unit(middle - inner(middle, ahead)[:, None] * ahead)[:, None]
-    depths_m = [np.maximum(depth_m, LEAST_DEPTH_M) for depth_m in depths_m]
-    boxes = list(zip((mine, others), depths_m, strict=True))
-    stretch = np.max([(inner(corners, corners) / depth_m**2).max(axis=1) for corners, depth_m in boxes], axis=0)
-    reach = stretch * NO_WAVE_V * np.sqrt(wavelength_m / (2 * depths_m[1].min(axis=1)))
-    to_mine, to_others = (inner(corners, across) / depth_m for corners, depth_m in boxes)
-    return np.asarray(~apart & (close_by | (to_others.min(axis=1) - to_mine.max(axis=1) < reach)))
+    corners_m = part.appear(mine) - part.origin_m, others - part.origin_m
+    directions = [unit(corners) for corners in corners_m]
+    centres = [unit(corners.mean(axis=1))[:, None] for corners in directions]
+    cosines = [inner(*row).min(axis=1) for row in zip(directions, centres, strict=True)]
+    nearest_m, farthest_m = inner(corners_m[1], centres[1]).min(axis=1), norms(corners_m[0]).max(axis=1)
+    between = np.maximum(1 / np.maximum(nearest_m, SHORTEST_PIECE_M) - 1 / farthest_m, 0)
+    reach = NO_WAVE_V * np.sqrt(wavelength_m / 2 * between)
+    # Along the line between both centres. Directions inside of a box lie farther out than those of its corners, at most by the
+    # cosine of the cone around these.
+    axis = unit(centres[1] - centres[0])
+    ends = [inner(directions[0], axis).max(axis=1), -inner(directions[1], axis).min(axis=1)]
+    gap = -sum(np.maximum(end, end / np.maximum(cosine, 1e-9)) for end, cosine in zip(ends, cosines, strict=True))
+    return np.asarray((np.minimum(*cosines) <= 0) | ((reach > 0) & (gap < reach)))
 
 
 def _pieces(
@@ -318,17 +317,10 @@ def _pieces(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which apparent points (N, 3) m, each at its `point_instant` (N,), ascending, are near edges of the other mesh that may
     be its outline at `near_instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3)."""
-    from scipy.spatial import cKDTree
-
     towards = apparent_m - part.origin_m
     length_m = norms(towards)
     towards /= length_m[:, None]
-    # How far points extend at each instant; where there are none, no piece is near.
-    starts = np.flatnonzero(np.diff(point_instant, prepend=-1))
-    sides, lengths_m = np.full((2, len(at.times_s), 3), [[[np.inf]], [[-np.inf]]]), np.ones((2, len(at.times_s)))
-    for end, bound in enumerate((np.minimum, np.maximum)):
-        sides[end, point_instant[starts]] = bound.reduceat(towards, starts)
-        lengths_m[end, point_instant[starts]] = bound.reduceat(length_m, starts)
+    sides, lengths_m = (_extents(values, point_instant, len(at.times_s)) for values in (towards, length_m))
 
     def distance(ends_m: np.ndarray) -> np.ndarray:
         return norms(ends_m.mean(axis=0) - part.origin_m)
@@ -357,18 +349,29 @@ def _pieces(
     when = when[of]
     reach = close(ends_m, when)
     ends_m, when, reach = ends_m[:, reach > 0], when[reach > 0], reach[reach > 0]
-    if not len(reach):
-        return np.zeros(len(point_instant), bool), when, ends_m
     directions = unit(ends_m - part.origin_m)
-    bound = reach.max() + norms(directions[1] - directions[0]).max() / 2
-    tree = cKDTree(np.column_stack([directions.mean(axis=0), APART * when]))
-    away, _ = tree.query(np.column_stack([towards, APART * point_instant]), distance_upper_bound=bound)
-    return np.isfinite(away), when, ends_m
+    margin = reach.max(initial=0.0) + norms(directions[1] - directions[0]).max(initial=0.0) / 2
+    low, high = _extents(directions.mean(axis=0), when, len(at.times_s))[:, point_instant]
+    return ((towards > low - margin) & (towards < high + margin)).all(axis=1), when, ends_m
+
+
+def _extents(values: np.ndarray, instant: np.ndarray, count: int) -> np.ndarray:
+    """The least and the greatest of values (N, ...), each at its `instant` (N,), ascending, at each of so many, (2, K, ...); inf
+    and -inf where there are none."""
+    extents = np.full((2, count, *values.shape[1:]), np.inf)
+    extents[1] = -np.inf
+    if len(values):
+        starts = np.flatnonzero(np.diff(instant, prepend=-1))
+        for extent, bound in zip(extents, (np.minimum, np.maximum), strict=True):
+            extent[instant[starts]] = bound.reduceat(values, starts)
+    return extents
 
 
 def _cut(ends_m: np.ndarray, longest_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Segments (2, M, 3) in equal pieces that are no longer than (M,), one after another: of which each is, and its ends."""
     count = np.ceil(norms(ends_m[1] - ends_m[0]) / longest_m).astype(int)
+    if (count == 1).all():
+        return np.arange(len(count)), ends_m
     of = np.repeat(np.arange(len(count)), count)
     step = np.arange(len(of)) - np.repeat(np.cumsum(count) - count, count)
     steps = np.stack([step, step + 1])[..., None] / count[of][:, None]
@@ -447,20 +450,29 @@ class MeshesAlone:
     def leave_free(self, asked: list[tuple[Segments, np.ndarray, int]]) -> list[np.ndarray]:
         """Which segments, given with their instants (N,), a mesh of that number leaves free: bool (N,) of each."""
         counts = [len(instant) for _, instant, _ in asked]
-        starts_m, stops_m = (np.concatenate([segments[end] for segments, *_ in asked]) for end in (0, 1))
-        where = np.concatenate([instant for _, instant, _ in asked]), np.repeat([mesh for *_, mesh in asked], counts)
+        if not sum(counts):  # Mitsuba aborts without a ray
+            return [np.zeros(0, bool) for _ in asked]
+        import drjit as dr
+
+        mi, boxes = mitsuba(self.backend), self.at.boxes
+        start, stop = (
+            mi.Point3f(*columns(mi, np.concatenate([segments[end] for segments, *_ in asked]))) for end in (0, 1)
+        )
+        cells = np.concatenate([instant * boxes.shape[1] + mesh for _, instant, mesh in asked])
+        scene, shift_m = self._scene_and_shift
+        cell = self.backend.lanes(cells)
+        shift, least, most = (
+            dr.gather(mi.Point3f, mi.Point3f(*columns(mi, table)), cell)
+            for table in (shift_m, boxes[:, :, 0] - BOX_MARGIN_M, boxes[:, :, -1] + BOX_MARGIN_M)
+        )
         # Rays run within the box around the mesh only, or they would meet those in other cells.
-        ahead_m = stops_m - starts_m
-        slanted = np.where(np.abs(ahead_m) > 1e-12, ahead_m, 1e-12)
-        sides_m = self.at.boxes[:, :, 0] - BOX_MARGIN_M, self.at.boxes[:, :, -1] + BOX_MARGIN_M
-        planes = np.stack([(side_m[where] - starts_m) / slanted for side_m in sides_m])
-        enter, leave = np.maximum(planes.min(axis=0).max(axis=1), 0), np.minimum(planes.max(axis=0).min(axis=1), 1)
-        within, free = np.flatnonzero(enter < leave), np.ones(len(starts_m), bool)
-        if len(within):
-            scene, shift_m = self._scene_and_shift
-            enter, leave, ahead_m = enter[within], leave[within], ahead_m[within]
-            length_m = norms(ahead_m)
-            origins_m = (starts_m + shift_m[where])[within] + enter[:, None] * ahead_m
-            towards = rays(mitsuba(self.backend), origins_m, ahead_m / length_m[:, None], (leave - enter) * length_m)
-            free[within] = ~scene.ray_test(towards).numpy()
-        return np.split(free, np.cumsum(counts)[:-1])
+        ahead = stop - start
+        slanted = dr.select(dr.abs(ahead) > 1e-12, ahead, 1e-12)
+        planes = (least - start) / slanted, (most - start) / slanted
+        enter, leave = dr.maximum(dr.max(dr.minimum(*planes)), 0), dr.minimum(dr.min(dr.maximum(*planes)), 1)
+        length = dr.norm(ahead)
+        ray = mi.Ray3f(start + shift + enter * ahead, ahead / length)
+        ray.maxt = (leave - enter) * length
+        within = (enter < leave) & (length > 0)
+        free = ~(scene.ray_test(ray, active=within) & within)
+        return np.split(free.numpy(), np.cumsum(counts)[:-1])

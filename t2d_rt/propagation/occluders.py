@@ -38,6 +38,11 @@ class PosedOccluders:
         return a, np.stack(cross(b - a, c - a))
 
     @cached_property
+    def _heights(self) -> np.ndarray:
+        """The faces' normals times what lies on these, (F, K): above it a place is faced."""
+        return np.asarray(dot(*self._corner_and_area))
+
+    @cached_property
     def normals(self) -> np.ndarray:
         """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
         return point_normals(self._corner_and_area[1], self.meshes.faces_of_points)
@@ -66,8 +71,8 @@ class PosedOccluders:
         ascending, and from and to where (2, E, 3), around the faces counter-clockwise as seen from there."""
         half_edges = self.meshes.half_edges[mesh]
         first, last = self.meshes.face_starts[mesh : mesh + 2]
-        corner, area = (vectors[:, first:last, instants] for vectors in self._corner_and_area)
-        facing = np.ascontiguousarray((dot(area, place_m[:, None, None] - corner) >= 0).T)
+        facing = dot(self._corner_and_area[1][:, first:last], place_m) >= self._heights[first:last]
+        facing = np.ascontiguousarray(facing[:, instants].T)
         near, far = (facing.take(face - first, axis=1) for face in (half_edges.face, half_edges.twin_face))
         row, edge = np.nonzero(half_edges.border | (near & ~far))
         inward = ~near[row, edge]

@@ -7,11 +7,11 @@ change would be a click across the spectrogram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import zip_longest
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import ref
 
 import numpy as np
@@ -70,6 +70,16 @@ class VisibilitySamples:
     """Visibility by the number of one-way paths that share it."""
 
 
+class _Chunk(NamedTuple):
+    """Meshes at some instants, and as rays meet them, together and alone."""
+
+    at: PosedOccluders
+    scene: OccluderScene | None
+    alone: MeshesAlone
+    seen: dict[Hashable, tuple[np.ndarray, np.ndarray]]
+    """Which points face a viewpoint, and how far meshes leave them visible from there, by the courses of its path."""
+
+
 class Viewpoints:
     """Places from which visibility of the same meshes is sampled at the same times, a chunk of these at once: to build a scene of
     the meshes costs more than to trace it."""
@@ -92,9 +102,8 @@ class Viewpoints:
 
     def traced(self, occlusions: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
         """Visibility from these at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
-        at = self.meshes.at(times_s)
-        scene, alone = self.scene(at), MeshesAlone(at, self.backend)
-        return [occlusion.fractions(occlusion.sampled(at, scene, alone), 1) for occlusion in occlusions]
+        chunk = self._chunk(times_s)
+        return [occlusion.fractions(occlusion.sampled(chunk), 1) for occlusion in occlusions]
 
     @cached_property
     def at_once(self) -> int:
@@ -113,11 +122,14 @@ class Viewpoints:
 
     def sample(self, number: int) -> None:
         """Finds visibility at a chunk of sample times from all viewpoints in use."""
-        at = self.meshes.at(self.samples_s[number * self.at_once : (number + 1) * self.at_once])
-        scene, alone = self.scene(at), MeshesAlone(at, self.backend)
+        chunk = self._chunk(self.samples_s[number * self.at_once : (number + 1) * self.at_once])
         for occlusion in self.occlusions:
             if occlusion.in_use and number not in occlusion.chunks:
-                occlusion.chunks[number] = occlusion.sampled(at, scene, alone)
+                occlusion.chunks[number] = occlusion.sampled(chunk)
+
+    def _chunk(self, times_s: np.ndarray) -> _Chunk:
+        at = self.meshes.at(times_s)
+        return _Chunk(at, self.scene(at), MeshesAlone(at, self.backend), {})
 
     def scene(self, at: PosedOccluders) -> OccluderScene | None:
         """The meshes at some instants as rays to all viewpoints meet them; None where none of these is occluded."""
@@ -195,18 +207,28 @@ class Occlusion:
             fractions.append(self.fractions(self.chunks[chunk], path_count)[place])
         return np.stack(fractions)
 
-    def sampled(self, at: PosedOccluders, scene: OccluderScene | None, alone: MeshesAlone) -> VisibilitySamples:
-        """Visibility at the instants of meshes that stand in a scene, together and `alone`."""
-        unblocked = self._unblocked_at(at)
-        if not self.solid or scene is None:
+    def sampled(self, chunk: _Chunk) -> VisibilitySamples:
+        """Visibility at the instants of a chunk."""
+        unblocked = self._unblocked_at(chunk.at)
+        if not self.solid or chunk.scene is None:
             return VisibilitySamples(None, None, unblocked)
-        seen_paths = self.viewpoint.seen_at(at.times_s)
+        seen_paths = self.viewpoint.seen_at(chunk.at.times_s)
+        # Paths over a wall and over the window in it are hidden alike.
+        courses = tuple(path.course for path in seen_paths)
+        if courses not in chunk.seen:
+            chunk.seen[courses] = self._seen(chunk.at, chunk.scene, chunk.alone, seen_paths)
+        return VisibilitySamples(*chunk.seen[courses], unblocked)
+
+    def _seen(
+        self, at: PosedOccluders, scene: OccluderScene, alone: MeshesAlone, seen_paths: list[OneWayPath]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Which points face the viewpoint, and how far meshes leave them visible."""
         front = np.einsum("kvi,kvi->kv", at.normals, apparent_m(seen_paths) - at.points) > 0
         visible = self.visible(at, front, scene)
         if self.viewpoints.wavelength_m is not None and len(self._meshes.meshes) > 1:
             points = Points(at.points, at.normals, self._meshes.owner, front, visible)
             visible = beside_others(alone, seen_paths, points, wavelength_m=self.viewpoints.wavelength_m)
-        return VisibilitySamples(front, visible, unblocked)
+        return front, visible
 
     def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
         """Visibility where so many one-way paths share it, float32 (K, all vertices)."""

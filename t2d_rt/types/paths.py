@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -129,6 +129,12 @@ class OneWayPath(_Compared):
     def key(self) -> PathKey:
         """Identity of the path: equal for one-way paths over the same chain to the same antenna position."""
         return self.chain, self.image_m.tobytes()
+
+    @property
+    def course(self) -> Hashable:
+        """The same for one-way paths from the same place by the same planes, whatever lies in these."""
+        numbers = self.antenna_m, self.elements.normal, self.elements.offset_m, self.elements.through
+        return tuple(np.concatenate([values.ravel() for values in numbers]).tolist())
 
     @property
     def planes(self) -> list[tuple[np.ndarray, float]]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
 from t2d_rt.propagation.occluders import Occluders, PosedOccluders
-from t2d_rt.propagation.visibility import OccluderScene, Occlusion, Viewpoints, sample_times, viewpoints_at
+from t2d_rt.propagation.visibility import OccluderScene, Occlusion, Viewpoints, _Chunk, sample_times, viewpoints_at
 from t2d_rt.types import MovingMesh
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
@@ -478,9 +480,9 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
     traced: list[int] = []
     sampled = Occlusion.sampled
 
-    def counted(self: Occlusion, at: PosedOccluders, *scenes: object) -> object:
-        traced.append(len(at.times_s))
-        return sampled(self, at, *scenes)
+    def counted(self: Occlusion, chunk: _Chunk) -> object:
+        traced.append(len(chunk.at.times_s))
+        return sampled(self, chunk)
 
     monkeypatch.setattr(Occlusion, "sampled", counted)
     blocks, held, found = np.linspace(0, 1.2, 60).reshape(20, 3), [], []
@@ -498,6 +500,30 @@ def test_viewpoints_asked_one_after_another_over_the_whole_record(
         )
         expected = np.concatenate([alone.visibility(times)[0] for times in blocks])
         assert np.mean(np.abs(values - expected) > 0.01) < 1e-3
+
+
+def test_paths_that_run_alike_are_traced_once(backend: Backend, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As those over a wall and over the window in it; what the scene leaves unblocked is of each alone."""
+    samples_s, (path,), (other,) = np.array(LONG_S), SIGHT, viewpoints_at([HERE + 1])
+    meshes = Occluders([sphere(0.2, (2, 0, 1)), sphere(0.1, (3, 0.2, 1))])
+    viewpoints = Viewpoints(meshes, samples_s, backend, wavelength_m=0.004)
+    traced: list[Occlusion] = []
+    visible = Occlusion.visible
+
+    def counted(self: Occlusion, *where: Any) -> np.ndarray:
+        traced.append(self)
+        return visible(self, *where)
+
+    monkeypatch.setattr(Occlusion, "visible", counted)
+    window = replace(path, chain=("window",))
+    wall, dimmed, aside = (
+        Occlusion(viewpoints, each, unblocked=lambda points, _, fraction=fraction: np.full(points.shape[:2], fraction))
+        for each, fraction in ((path, 1.0), (window, 0.5), (other, 1.0))
+    )
+    first, second, third = (np.concatenate(each.visibility(samples_s), axis=1) for each in (wall, dimmed, aside))
+    assert traced == [wall, aside]
+    np.testing.assert_allclose(second, 0.5 * first, rtol=1e-6)
+    assert np.mean(first != third) > 0.1
 
 
 def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh, backend: Backend) -> None:
