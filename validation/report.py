@@ -43,6 +43,16 @@ class Check:
         return f"{'>=' if self.at_least else '<='} {self.limit:g} {self.unit}".strip()
 
 
+def at_most(what: str, measured: float, limit: float, unit: str = "") -> Check:
+    """A figure that may reach the limit."""
+    return Check(what=what, measured=measured, limit=limit, unit=unit)
+
+
+def at_least(what: str, measured: float, limit: float, unit: str = "") -> Check:
+    """A figure that must reach the limit."""
+    return Check(what=what, measured=measured, limit=limit, unit=unit, at_least=True)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Section:
     """One section of the report."""

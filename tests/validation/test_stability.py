@@ -10,6 +10,7 @@ import pytest
 from t2d_rt.types import Radar
 from validation.methods.stability import bodies, distances, facets, motions, rooms, signals
 from validation.methods.stability.case import Case
+from validation.report import at_least, at_most
 
 pytestmark = pytest.mark.filterwarnings("ignore::t2d_rt.core.errors.T2DWarning")  # sheets and torn meshes are meant so
 QUICK: list[Callable[[Radar], Case | list[Case]]] = [
@@ -33,6 +34,6 @@ def test_small_differences_and_aliasing_hold(tmp_path: Path) -> None:
 
 
 def test_a_case_whose_failing_method_holds_is_missed() -> None:
-    case = Case(name="c", failing="f", failing_error=0.1, fails_by=1, ours="o", error=0.1, limit=0.3, unit="dB")
+    case = Case("c", at_least("f", 0.1, 1, "dB"), at_most("o", 0.1, 0.3, "dB"))
     assert [check.passed for check in case.checks] == [False, True]
     assert "so does the other" in str(case.row["verdict"])

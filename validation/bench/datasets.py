@@ -14,7 +14,7 @@ from typing import Any
 
 from t2d_rt.core.disk_cache import VARIABLE
 from t2d_rt.dataset import Recipe, make_dataset
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_least, new_figure, save_chart
 
 PAPER_SAMPLES = 19_165
 """Samples that the Text2Doppler paper kept."""
@@ -163,14 +163,8 @@ def datasets(folder: Path, kinds: Sequence[Kind] = KINDS) -> Section:
             f"on {CORES}": f"{paper_s[CORES] / 60:.0f} min",
         })  # fmt: skip
         checks += [
-            Check(what=f"{kind.name}, samples made", measured=two["rate"], limit=kind.least, unit="/s", at_least=True),
-            Check(
-                what=f"{kind.name}, 2 workers over 1",
-                measured=efficiency,
-                limit=LEAST_EFFICIENCY,
-                unit="",
-                at_least=True,
-            ),
+            at_least(f"{kind.name}, samples made", two["rate"], kind.least, "/s"),
+            at_least(f"{kind.name}, 2 workers over 1", efficiency, LEAST_EFFICIENCY),
         ]
     note = (
         "Samples of 5 s, from the sentence to the shard: motion, filter, simulation with the receiver's noise, spectrogram. Each "

@@ -15,7 +15,7 @@ from t2d_rt.geometry.vectors import norms
 from t2d_rt.pipeline.echo_model import Model
 from t2d_rt.types import Accuracy, MovingMesh
 from validation.bench.measure import Case, targets_of_case, timed
-from validation.report import Check, Section
+from validation.report import Section, at_least, at_most
 
 SHORT_S = 2.0
 SHORT_LIMITS_S = {"mesh": 1.5, "ellipsoid": 0.6}
@@ -38,9 +38,7 @@ def short_records() -> Section:
     for method, limit in SHORT_LIMITS_S.items():
         code = COLD.format(stop=1 + SHORT_S, method=method)
         taken = [float(subprocess.check_output([sys.executable, "-W", "ignore", "-c", code])) for _ in range(4)][1:]
-        checks.append(
-            Check(what=f"{SHORT_S:g} s of a walk, {method}, cold process", measured=min(taken), limit=limit, unit="s")
-        )
+        checks.append(at_most(f"{SHORT_S:g} s of a walk, {method}, cold process", min(taken), limit, "s"))
         table.append({"method": method, "seconds": min(taken), "longest of three": max(taken)})
     note = "From `import t2d_rt` to the spectrogram, table2; compiled modules, kernels and facets lie on disk. Best of three."
     return Section(title="Short records", checks=checks, note=note, table=table)
@@ -52,15 +50,7 @@ def peers() -> Section:
     radar = t2d.Radar.preset("table2")
     for method, limit in PEER_LIMITS.items():
         points, usual, ours = _seconds(method, radar)
-        checks.append(
-            Check(
-                what=f"{method}: faster than the usual way",
-                measured=usual / ours,
-                limit=limit,
-                unit="times",
-                at_least=True,
-            )
-        )
+        checks.append(at_least(f"{method}: faster than the usual way", usual / ours, limit, "times"))
         table.append(
             {"method": method, "points": points, "usual way [s]": usual, "ours [s]": ours, "ratio": usual / ours}
         )

@@ -17,7 +17,7 @@ from t2d_rt.types import Radar
 from t2d_rt.types.radar import preset_names
 from validation.bench.measure import Case, import_seconds, sincos_rate
 from validation.bench.stages import FACETS, STAGES, SYNTHESIS
-from validation.report import Check, Section
+from validation.report import Section, at_most
 
 WALK_S = 10.0
 WALK_LIMITS_S = {
@@ -103,11 +103,11 @@ def walk(run: Run, *, quick: bool) -> tuple[Section, Found]:
             Case(name="the same, one antenna", preset="array-3x4", changes=one, duration_s=WALK_S, runs=3),
         ]
     found = [run(case) for case in cases]
-    checks = [Check(what="import t2d_rt", measured=import_seconds(), limit=IMPORT_LIMIT_S, unit="s")]
+    checks = [at_most("import t2d_rt", import_seconds(), IMPORT_LIMIT_S, "s")]
     for each, limit in zip(found, limits.values(), strict=False):
         checks += [
-            Check(what=each["name"], measured=each["seconds"], limit=limit, unit="s"),
-            Check(what=f"{each['name']}: peak memory", measured=each["peak_gb"], limit=MEMORY_LIMIT_GB, unit="GB"),
+            at_most(each["name"], each["seconds"], limit, "s"),
+            at_most(f"{each['name']}: peak memory", each["peak_gb"], MEMORY_LIMIT_GB, "GB"),
         ]
     table = [
         {
@@ -210,7 +210,7 @@ def streamed(run: Run) -> tuple[Section, Found]:
         for duration in (10, 60)
     ]
     growth = found[1]["peak_gb"] / found[0]["peak_gb"]
-    check = Check(what="peak memory of 60 s against 10 s", measured=growth, limit=MEMORY_GROWTH_LIMIT, unit="times")
+    check = at_most("peak memory of 60 s against 10 s", growth, MEMORY_GROWTH_LIMIT, "times")
     table = [{"duration [s]": each["duration_s"], **_row(each)} for each in found]
     return Section(
         title="Large cubes", checks=[check], note="Walk, table2, the cube kept as products on disk.", table=table
@@ -224,22 +224,15 @@ def swept(sweep: Sweep, run: Run) -> tuple[Section, Found]:
     if sweep.limit is None:
         summed = dict(zip(variable, synthesis_seconds(found), strict=True))
         ratio = summed[FAST_PRF_HZ] / summed[SLOW_PRF_HZ]
-        check = Check(what="synthesis at 12.8 kHz against 1.28 kHz", measured=ratio, limit=FAST_LIMIT, unit="times")
+        check = at_most("synthesis at 12.8 kHz against 1.28 kHz", ratio, FAST_LIMIT, "times")
     else:
         power = power_law(variable, seconds(found)).power
-        check = Check(what=f"{sweep.title}: exponent of seconds", measured=power, limit=sweep.limit, unit="")
+        check = at_most(f"{sweep.title}: exponent of seconds", power, sweep.limit)
     checks = [check]
     if sweep.variable == "pairs":
         slope = (found[-1]["seconds"] - found[0]["seconds"]) / (variable[-1] - variable[0])
         each = slope / (found[0]["seconds"] - slope * (variable[0] - 1))
-        checks.append(
-            Check(
-                what="each further path pair, relative to the direct one alone",
-                measured=each,
-                limit=PAIR_LIMIT,
-                unit="",
-            )
-        )
+        checks.append(at_most("each further path pair, relative to the direct one alone", each, PAIR_LIMIT))
     table = [{sweep.axis: value, **_row(each)} for value, each in zip(variable, found, strict=True)]
     return Section(title=sweep.title, checks=checks, note=sweep.note, table=table), found
 
@@ -390,15 +383,19 @@ def experiments(run: Run) -> tuple[Section, Found]:
     # All three count: a line through two points would be their scatter.
     power = float(np.polyfit(np.log([1, 2, 3]), np.log([taken[case.name] for case in persons]), 1)[0])
     checks = [
-        Check(what=crowd.name, measured=taken[crowd.name], limit=CROWD_LIMIT_S, unit="s"),
-        Check(what=f"{crowd.name}: peak memory", measured=found[3]["peak_gb"], limit=MEMORY_LIMIT_GB, unit="GB"),
-        Check(what="persons: exponent of seconds", measured=power, limit=EXPONENT_LIMIT, unit=""),
+        at_most(crowd.name, taken[crowd.name], CROWD_LIMIT_S, "s"),
+        at_most(f"{crowd.name}: peak memory", found[3]["peak_gb"], MEMORY_LIMIT_GB, "GB"),
+        at_most("persons: exponent of seconds", power, EXPONENT_LIMIT),
         *(
-            Check(what=f"each further second of {short.name.split(',')[0]}, {short.scene}", limit=FAN_LIMIT, unit="s",
-                  measured=(taken[long.name] - taken[short.name]) / (long.duration_s - short.duration_s))
+            at_most(
+                f"each further second of {short.name.split(',')[0]}, {short.scene}",
+                (taken[long.name] - taken[short.name]) / (long.duration_s - short.duration_s),
+                FAN_LIMIT,
+                "s",
+            )
             for short, long in ((fans[0], fans[1]), (fans[2], fans[3]))
         ),
-    ]  # fmt: skip
+    ]
     table = [{"case": each["name"], "seconds": each["seconds"], "peak memory [GB]": each["peak_gb"]} for each in found]
     note = f"In the {ROOM} at table2-uniform, the fan at 900 rpm; a fan alone at table2. Persons walk on the spot, for 4 s alone."
     return Section(title="Persons and fans", checks=checks, note=note, table=table), found

@@ -28,7 +28,7 @@ from t2d_rt.motion.generate.library.individual import drawn_person
 from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run as simulate
 from t2d_rt.types import Radar
-from validation.report import Check, Section
+from validation.report import Section, at_least, at_most
 
 CLASSES = "walking", "sitting", "bending", "jumping", "falling"
 TRAINED, APART = ("man", "adult", "heavy", "old"), ("woman", "child")
@@ -138,8 +138,8 @@ def run(folder: Path, *, trainings: int = TRAININGS, recordings: int = RECORDING
     return Section(
         title="Continuous recordings",
         checks=[
-            Check(what=f"events found, overlap {OVERLAP:g}: F1", measured=scores.f1, limit=F1, unit="", at_least=True),
-            Check(what="false falls in ten minutes", measured=float(falls), limit=FALSE_FALLS, unit=""),
+            at_least(f"events found, overlap {OVERLAP:g}: F1", scores.f1, F1),
+            at_most("false falls in ten minutes", float(falls), FALSE_FALLS),
         ],
         note=summary(scores, pairs),
     )

@@ -15,7 +15,7 @@ from t2d_rt.dataset import Dataset, folds
 from t2d_rt.learn import TrainOptions, maps_of, train_model
 from t2d_rt.learn.maps import LabelledMaps, shared_speeds
 from validation.datasets import of_a_set_made
-from validation.report import Check, Section
+from validation.report import Section, at_most
 
 ABOVE_CHANCE, MIRRORED = 0.05, 0.03
 """By how much a figure alone may tell the class, and what mirrored Doppler may cost."""
@@ -112,20 +112,12 @@ def evaluated(dataset: Dataset) -> Section:
     low, high = interval(
         both[:, 0] - both[:, 1], np.array([f"{each['class']} {each['description']}" for each in dataset.records])
     )
-    checks = [
-        Check(what=f"class told by {name} alone", measured=each, limit=chance + ABOVE_CHANCE, unit="")
-        for name, each in told.items()
-    ]
+    checks = [at_most(f"class told by {name} alone", each, chance + ABOVE_CHANCE) for name, each in told.items()]
     checks += [
-        Check(
-            what=f"what direction adds to the class told by {name}",
-            measured=told[name] - each,
-            limit=ABOVE_CHANCE,
-            unit="",
-        )
+        at_most(f"what direction adds to the class told by {name}", told[name] - each, ABOVE_CHANCE)
         for name, each in travel.items()
     ]
-    lost = Check(what="what mirrored Doppler costs VGG-7", measured=plain - turned, limit=MIRRORED, unit="")
+    lost = at_most("what mirrored Doppler costs VGG-7", plain - turned, MIRRORED)
     return Section(
         title="Hidden labels of a data set", checks=[*checks, lost], table=rows,
         note=f"{len(dataset)} samples of {len(dataset.classes)} classes; by chance {chance:.1%} are right. Trees of twelve leaves "

@@ -21,7 +21,7 @@ from t2d_rt.learn.pytorch import torch_threads
 from t2d_rt.plots.parts import HUES
 from t2d_rt.recording.parts import GROUPS
 from t2d_rt.types import Radar
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Check, Section, at_least, at_most, new_figure, save_chart
 
 SAMPLES, SUMMED = 240, 40
 SUM_DB = -40.0
@@ -242,12 +242,12 @@ def _checks(sums: dict[str, float], mean: dict[str, list[float]]) -> list[Check]
     """The sums of the labels and the recall of the network against their limits."""
     least, lead = min(mean["network"]), float(np.min(np.subtract(mean["network"], mean["speed"])))
     what = f"sum of the labels of {SUMMED} samples against the map, worst by "
-    found = [Check(what=what + name, measured=db, limit=SUM_DB, unit="dB") for name, db in sorted(sums.items())]
+    found = [at_most(what + name, db, SUM_DB, "dB") for name, db in sorted(sums.items())]
     asked = (
         ("mean recall of the limbs by the network, least of the seeds", float(least), CHANCE + ABOVE_CHANCE),
         ("the same less that by speed alone, least of the seeds", lead, ABOVE_SPEED),
     )
-    return found + [Check(what=each, measured=is_, limit=limit, unit="", at_least=True) for each, is_, limit in asked]
+    return found + [at_least(each, is_, limit) for each, is_, limit in asked]
 
 
 def _counts(cells: Cells) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 from t2d_rt.dataset import Recipe, make_dataset
 from t2d_rt.dataset.making import local_cluster, make_samples
-from validation.report import Check, Section
+from validation.report import Section, at_least, at_most
 
 SAMPLES, ALONE = 500, 24
 """Samples of the run, and of the one that it is compared with: whole shards, made by this process."""
@@ -69,10 +69,10 @@ def run() -> Section:
         "asked of a worker": f"{asked / 1e3:.1f} kB", "returned": f"{given / 1e3:.1f} kB", "on disk": f"{stored / 1e3:.1f} kB",
     }]  # fmt: skip
     checks = [
-        Check(what="samples made", measured=outcome.made, limit=SAMPLES, unit="", at_least=True),
-        Check(what="samples failed", measured=len(outcome.failures), limit=0, unit=""),
-        Check(what="files as made alone", measured=sum(same), limit=len(same), unit="", at_least=True),
-        Check(what="through the scheduler, a sample", measured=asked + given, limit=MOST_BYTES, unit="byte"),
+        at_least("samples made", outcome.made, SAMPLES),
+        at_most("samples failed", len(outcome.failures), 0),
+        at_least("files as made alone", sum(same), len(same)),
+        at_most("through the scheduler, a sample", asked + given, MOST_BYTES, "byte"),
     ]
     note = (
         f"{SAMPLES} samples of 1 s by ellipsoids through dask.distributed with two workers. One is killed (SIGKILL) half way; its "

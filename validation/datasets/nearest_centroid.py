@@ -16,7 +16,7 @@ from t2d_rt.dataset.products import axis
 from t2d_rt.learn.baselines import SHRINKAGE, Centroids
 from t2d_rt.learn.features import features
 from validation.datasets import of_a_set_made
-from validation.report import Check, Section, save_chart
+from validation.report import Section, at_least, at_most, save_chart
 
 RECIPE = "small-hard"
 LIMIT = 0.6
@@ -67,17 +67,19 @@ def evaluated(dataset: Dataset) -> Section:
     return Section(
         title="Classes of a data set",
         checks=[
-            Check(
-                what=f"{RECIPE}: samples of unseen descriptions that the nearest centroid puts into their class",
-                measured=_right(found), limit=LIMIT, unit="", at_least=True,
+            at_least(
+                f"{RECIPE}: samples of unseen descriptions that the nearest centroid puts into their class",
+                _right(found),
+                LIMIT,
             ),
-            Check(what="the same with the labels permuted", measured=_right(mixed), limit=BY_CHANCE, unit=""),
+            at_most("the same with the labels permuted", _right(mixed), BY_CHANCE),
         ],
         note=f"{len(dataset)} samples of 8 classes, {len(told[0])} features of the Doppler envelope; {FOLDS} folds by description, "
         f"{REPEATS} times. The metric is the covariance within classes, shrunk by {SHRINKAGE:g}; with standardised features alone "
         f"{_right(plain):.0%} are right; by chance 12.5 % are.",
-        table=rows, charts=[save_chart(dataset_sheet(dataset), "dataset_classes.png")],
-    )  # fmt: skip
+        table=rows,
+        charts=[save_chart(dataset_sheet(dataset), "dataset_classes.png")],
+    )
 
 
 def _right(found: np.ndarray) -> float:

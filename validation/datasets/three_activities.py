@@ -22,7 +22,7 @@ from t2d_rt.learn.maps import LabelledMaps, maps_of
 from t2d_rt.learn.prediction import LEAST, Prediction, predict
 from t2d_rt.recording.recording import Recording
 from t2d_rt.simulate import run as simulate
-from validation.report import Check, Section
+from validation.report import Section, at_least
 from validation.studies.common import interval
 
 TOGETHER, RECORDINGS = 3, 40
@@ -133,9 +133,10 @@ def evaluated(*datasets: Dataset, seed: int | None = None, recordings: int = REC
     return Section(
         title="Three activities in a row",
         checks=[
-            Check(
-                what="predict: time away from changes at which the class is right, of descriptions not trained on",
-                measured=means["course"][0] / 100, limit=LIMIT, unit="", at_least=True,
+            at_least(
+                "predict: time away from changes at which the class is right, of descriptions not trained on",
+                means["course"][0] / 100,
+                LIMIT,
             ),
         ],
         note=f"{recordings} recordings of {TOGETHER} x {recipe.duration_s:g} s; {MEMBERS} networks trained on "
@@ -146,7 +147,7 @@ def evaluated(*datasets: Dataset, seed: int | None = None, recordings: int = REC
         + ", ".join(f"{name} {value:.0f} %" for name, value in zip(maps.classes, each, strict=True))
         + f". Confusion (class, told) in tenths of a second: {confusion.tolist()}.",
         table=rows,
-    )  # fmt: skip
+    )
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from t2d_rt.types import PEC, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
 from validation.methods.reference import Converged, nmse_db, reference_samples
 from validation.physics.rcs import sphere
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 STRETCHES = (("walk", WALK, 0.4), ("walk", WALK, 1.9), ("walk", WALK, 3.4), ("run", RUN, 0.4))
 """Name, recording, start [s]."""
@@ -40,23 +40,19 @@ def run() -> Section:
     radar = Radar.preset("table2")
     stretches = [_stretch(radar, *stretch) for stretch in STRETCHES]
     checks = [
-        Check(
-            what=f"{s.name}, {s.start_s:g} to {s.start_s + STRETCH_S:g} s",
-            measured=nmse_db(s.simulated, s.reference),
-            limit=LIMITS_DB[s.name],
-            unit="dB",
+        at_most(
+            f"{s.name}, {s.start_s:g} to {s.start_s + STRETCH_S:g} s",
+            nmse_db(s.simulated, s.reference),
+            LIMITS_DB[s.name],
+            "dB",
         )
         for s in stretches
     ]
     walk = [s for s in stretches if s.name == "walk"]
     pooled = nmse_db(np.concatenate([s.simulated for s in walk]), np.concatenate([s.reference for s in walk]))
-    checks.append(Check(what="walk, all stretches", measured=pooled, limit=-20, unit="dB"))
-    checks.append(
-        Check(what="the reference itself, against a finer one", measured=_convergence(radar), limit=-30, unit="dB")
-    )
-    checks.append(
-        Check(what="the reference's sphere, against its closed form", measured=_sphere(radar), limit=-30, unit="dB")
-    )
+    checks.append(at_most("walk, all stretches", pooled, -20, "dB"))
+    checks.append(at_most("the reference itself, against a finer one", _convergence(radar), -30, "dB"))
+    checks.append(at_most("the reference's sphere, against its closed form", _sphere(radar), -30, "dB"))
     return Section(
         title="Mesh at default settings against the converged reference",
         checks=checks,

@@ -12,7 +12,7 @@ from t2d_rt.types import MovingMesh, Radar
 from t2d_rt.types.accuracy import DEFAULT_TIERS
 from validation.bodies import random_chirps, walking
 from validation.methods.reference import CURVED_SCALE, Converged, nmse_db, reference_samples
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 ROOMS = ("empty_room", "living_room")
 START_S, STRETCH_S = 1.9, 0.5
@@ -48,20 +48,19 @@ def run() -> Section:
         }
         rows += [{"room": name, "minor pairs": what, "field NMSE, dB": error} for what, error in errors.items()]
         checks += [
-            Check(what=f"{name}, {what}", measured=errors[what], limit=limit, unit="dB")
+            at_most(f"{name}, {what}", errors[what], limit, "dB")
             for what, limit in ((DEFAULT, DEFAULT_DB), (ASKED, LIMIT_DB), (FULL, LIMIT_DB))
         ]
     few = chirps[:: CHIRPS // FINE_CHIRPS][:FINE_CHIRPS]
     checks += [
-        Check(
-            what="empty_room, the same facets in both, no occlusion, fine in time",
-            measured=_agreement(surface, radar, few), limit=AGREEMENT_DB, unit="dB",
+        at_most(
+            "empty_room, the same facets in both, no occlusion, fine in time",
+            _agreement(surface, radar, few),
+            AGREEMENT_DB,
+            "dB",
         ),
-        Check(
-            what="the reference itself, against a finer one",
-            measured=_convergence(surface, radar, few), limit=CONVERGED_DB, unit="dB",
-        ),
-    ]  # fmt: skip
+        at_most("the reference itself, against a finer one", _convergence(surface, radar, few), CONVERGED_DB, "dB"),
+    ]
     return Section(
         title="Rooms against the converged reference",
         checks=checks,

@@ -35,7 +35,7 @@ from validation.bodies import RUN, WALK, falling, recorded
 from validation.methods.models import modelled
 from validation.methods.times import fitted_cost, runs, timed
 from validation.physics.rcs import sphere
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 MEASURED = Path(__file__).with_name("laws.json")
 JACKS, SHORT = "14_14_jumping_jacks.bvh", "momask_22j_120frames.bvh"
@@ -248,13 +248,17 @@ def run() -> Section:
     factors = [math.exp(abs(math.log(cost.seconds(each["work"], laws) / each["taken"]))) for each in times]
     apart = float(np.max(np.abs(laws.bodies.facets_db - stored.bodies.facets_db)))
     checks = [
-        Check(what="the package's law of facets beside that of these measurements", measured=apart, limit=0.01, unit="dB"),
-        Check(what="scatter of facets' errors about the law", measured=laws.bodies.scatter_db, limit=2.0, unit="dB"),
-        Check(what="of the cost of no occlusion, where it counts", measured=laws.occlusion.scatter_db, limit=3.0, unit="dB"),
-        Check(what="of path pairs' power", measured=laws.pairs.scatter_db, limit=3.0, unit="dB"),
-        Check(what="times taken over those of the law or the other way round, 9 of 10",
-              measured=float(np.quantile(factors, 0.9)), limit=1.5, unit="times"),
-    ]  # fmt: skip
+        at_most("the package's law of facets beside that of these measurements", apart, 0.01, "dB"),
+        at_most("scatter of facets' errors about the law", laws.bodies.scatter_db, 2.0, "dB"),
+        at_most("of the cost of no occlusion, where it counts", laws.occlusion.scatter_db, 3.0, "dB"),
+        at_most("of path pairs' power", laws.pairs.scatter_db, 3.0, "dB"),
+        at_most(
+            "times taken over those of the law or the other way round, 9 of 10",
+            float(np.quantile(factors, 0.9)),
+            1.5,
+            "times",
+        ),
+    ]
     return Section(
         title="Laws of error and cost",
         checks=checks,

@@ -8,7 +8,7 @@ import numpy as np
 
 import t2d_rt as t2d
 from t2d_rt.body.segments import SEGMENTS
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS, DISTANCE_M = 1.5, 7.0
@@ -52,7 +52,7 @@ def run() -> Section:
                     "of the power": sum(share for segment, (_, _, share) in found.items() if segment in held),
                 }
             )  # fmt: skip
-    check = Check(what="sum of the parts against the recording without", measured=worst_db, limit=SUM_DB, unit="dB")
+    check = at_most("sum of the parts against the recording without", worst_db, SUM_DB, "dB")
     return Section(
         title="Ellipsoids against the mesh, limb by limb",
         checks=[check],

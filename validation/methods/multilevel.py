@@ -19,7 +19,7 @@ from t2d_rt.scattering.rate import SurfaceRate
 from t2d_rt.types import Echoes, MovingMesh, Radar
 from validation.bodies import RUN, WALK, random_chirps, walking
 from validation.methods.reference import nmse_db
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 RECORDS = {"walk": (WALK, 1.0, 2.0), "run": (RUN, 0.2, 1.2), "jump": ("14_14_jumping_jacks.bvh", 1.0, 2.0)}
 """File, start and stop [s]."""
@@ -39,18 +39,17 @@ def run() -> Section:
     rows = [row for record in RECORDS for preset in PRESETS for row in _against_direct(record, preset)]
     worst = {db: max(row["error dB"] for row in rows if row["tolerance dB"] == db) for db in TOLERANCES_DB}
     checks = [
-        Check(what=f"tolerance {db:g} dB, worst of {len(rows) // 4} cases", measured=found, limit=db, unit="dB")
-        for db, found in worst.items()
+        at_most(f"tolerance {db:g} dB, worst of {len(rows) // 4} cases", found, db, "dB") for db, found in worst.items()
     ]
     leaks = {"gliding body": _leak(_gliding()), "walking body": _leak(walking(*RECORDS["walk"][1:]))}
     checks += [
-        Check(what=f"{name}: lines at 1, 2, 4, 8 surface rates over what is beside", measured=leak.over_db, limit=6, unit="dB")
+        at_most(f"{name}: lines at 1, 2, 4, 8 surface rates over what is beside", leak.over_db, 6, "dB")
         for name, leak in leaks.items()
     ]  # fmt: skip
     glide, walk = leaks.values()
     checks += [
-        Check(what="gliding body: those lines", measured=glide.lines_db, limit=-80, unit="dBc per bin"),
-        Check(what="walking body: beyond its own Doppler", measured=walk.beyond_db, limit=-65, unit="dBc per bin"),
+        at_most("gliding body: those lines", glide.lines_db, -80, "dBc per bin"),
+        at_most("walking body: beyond its own Doppler", walk.beyond_db, -65, "dBc per bin"),
     ]
     return Section(
         title="Merging level by level",

@@ -26,7 +26,7 @@ from validation.bodies import RUN, WALK, falling, random_chirps
 from validation.methods.kept import kept_samples
 from validation.methods.reference import Converged, nmse_db
 from validation.physics.rcs import sphere
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_least, at_most, new_figure, save_chart
 
 SAMPLES = np.array([20, 236])
 JACKS = "14_14_jumping_jacks.bvh"
@@ -77,18 +77,21 @@ def run() -> Section:
     memory = sum(_within(each.predicted_gb, each.took_gb) for each in found)
     beside = [each.automatic_s / each.took_s - 1 for each in found]
     checks = [
-        Check(what="cases of 12 whose measured error is within 3 dB of the true one", measured=sum(a <= 3 for a in apart),
-              limit=11, unit="", at_least=True),
-        Check(what="measured error better than the true one by, at most", measured=optimistic, limit=6, unit="dB"),
-        Check(what="cases of 12 that keep to the tolerance", measured=kept, limit=11, unit="", at_least=True),
-        Check(what="cases of 12 whose time was predicted within 1.5 times", measured=times, limit=11, unit="", at_least=True),
-        Check(what="cases of 12 whose memory was predicted within 1.5 times", measured=memory, limit=11, unit="", at_least=True),
-        Check(what="planning and measuring beside the run itself, median", measured=float(np.median(beside)), limit=0.25,
-              unit="times"),
-        Check(what="the same, worst", measured=max(beside), limit=0.25, unit="times"),
-        Check(what=f"walk of {LONG_S:g} s, automatic choice for {LONG_DB:g} dB ({automatic:.2f} s, planning included) over the "
-              f"fastest manual one that errs no more ({best:.2f} s)", measured=automatic / best, limit=1.5, unit="times"),
-    ]  # fmt: skip
+        at_least("cases of 12 whose measured error is within 3 dB of the true one", sum(a <= 3 for a in apart), 11),
+        at_most("measured error better than the true one by, at most", optimistic, 6, "dB"),
+        at_least("cases of 12 that keep to the tolerance", kept, 11),
+        at_least("cases of 12 whose time was predicted within 1.5 times", times, 11),
+        at_least("cases of 12 whose memory was predicted within 1.5 times", memory, 11),
+        at_most("planning and measuring beside the run itself, median", float(np.median(beside)), 0.25, "times"),
+        at_most("the same, worst", max(beside), 0.25, "times"),
+        at_most(
+            f"walk of {LONG_S:g} s, automatic choice for {LONG_DB:g} dB ({automatic:.2f} s, planning included) over the "
+            f"fastest manual one that errs no more ({best:.2f} s)",
+            automatic / best,
+            1.5,
+            "times",
+        ),
+    ]
     return Section(
         title="A tolerance, kept and measured",
         checks=checks,

@@ -23,7 +23,7 @@ from t2d_rt.types.motion import CANONICAL_JOINTS
 from validation.bodies import walking
 from validation.methods.reference import nmse_db
 from validation.physics.rcs import SPHEROID_M, sphere
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Check, Section, at_least, at_most, new_figure, save_chart
 
 AZIMUTH_DEG, ELEVATION_DEG, RANGE_M, SPEED_MPS = 30.0, 10.0, 3.0, 1.5
 RADIUS_M = 0.05
@@ -102,12 +102,10 @@ def _spheres(radar: Radar) -> list[Check]:
         mesh = MovingMesh(ball + (radar.position_m + ranges[:, None] * _ray(radar))[:, None], faces, times, PEC)
         cube = t2d.simulate(mesh, radar=radar).cube
         error = float(np.abs(_strongest(cube, radar) - true).max())
-        checks.append(Check(what=f"sphere {name}: worse of both angles", measured=error, limit=0.5, unit="deg"))
+        checks.append(at_most(f"sphere {name}: worse of both angles", error, 0.5, "deg"))
         if speed:
             raw = float(np.abs(_strongest(cube, radar, compensate_tdm=False) - true).max())
-            checks.append(
-                Check(what="the same, TDM phase not compensated", measured=raw, limit=1.0, unit="deg", at_least=True)
-            )
+            checks.append(at_least("the same, TDM phase not compensated", raw, 1.0, "deg"))
     return checks
 
 
@@ -136,7 +134,7 @@ def _spheroid(radar: Radar) -> list[Check]:
             cube = t2d.simulate(geometry, radar=radar, method=method).cube  # type: ignore[arg-type]
             errors[method].append(float(np.abs(_strongest(cube, radar) - true).max()))
     return [
-        Check(what=f"spheroid, 3 aspects, {method}: worse of both angles", measured=max(found), limit=0.5, unit="deg")
+        at_most(f"spheroid, 3 aspects, {method}: worse of both angles", max(found), 0.5, "deg")
         for method, found in errors.items()
     ]
 
@@ -158,7 +156,7 @@ def _alone() -> list[Check]:
                 for antenna in (0, radar.antennas // 2, radar.antennas - 1)
             )
             checks.append(
-                Check(what=f"{preset}, {name}: an antenna against that pair alone", measured=worst, limit=-23, unit="dB")
+                at_most(f"{preset}, {name}: an antenna against that pair alone", worst, -23, "dB")
             )  # fmt: skip
     return checks
 
@@ -193,13 +191,15 @@ def _imaging() -> list[Check]:
     plane = steering_vectors(radar, unit_vectors(azimuth_rad, 0.0))
     loss_db = 20 * math.log10(np.abs(plane.conj() @ near).max() / len(near))
     return [
-        Check(what="imaging: focused beam against eq. 2", measured=abs(levels_db[0] - expected_db), limit=0.3, unit="dB"),
-        Check(what="imaging: focused beam's azimuth", measured=abs(found_deg[0] - IMAGING_AZIMUTH_DEG), limit=0.1, unit="deg"),
-        Check(
-            what=f"imaging: loss of the plane-wave beam ({levels_db[0] - levels_db[1]:.2f} dB) against the closed form",
-            measured=abs(levels_db[1] - levels_db[0] - loss_db), limit=0.05, unit="dB",
+        at_most("imaging: focused beam against eq. 2", abs(levels_db[0] - expected_db), 0.3, "dB"),
+        at_most("imaging: focused beam's azimuth", abs(found_deg[0] - IMAGING_AZIMUTH_DEG), 0.1, "deg"),
+        at_most(
+            f"imaging: loss of the plane-wave beam ({levels_db[0] - levels_db[1]:.2f} dB) against the closed form",
+            abs(levels_db[1] - levels_db[0] - loss_db),
+            0.05,
+            "dB",
         ),
-    ]  # fmt: skip
+    ]
 
 
 # --- the walk ---
@@ -312,7 +312,7 @@ def _follows(walk: _Walk) -> tuple[list[dict[str, Any]], list[Check]]:
             }
         )  # fmt: skip
         what = what.split(" [")[0]
-        checks.append(Check(what=f"walk: centre {what}, track, worst", measured=track.max(), limit=limit, unit=unit))
+        checks.append(at_most(f"walk: centre {what}, track, worst", track.max(), limit, unit))
     return rows, checks
 
 
@@ -321,10 +321,7 @@ def _false_alarms(walk: _Walk) -> list[Check]:
     cells = LOOPS * np.count_nonzero(np.abs(walk.radar.range_axis_m() - ranges[:, None]) > FAR_M)
     alarms = np.count_nonzero(np.abs(walk.points.range_m - ranges[walk.frame]) > FAR_M)
     return [
-        Check(
-            what=f"walk: {alarms} false alarms in {cells} cells, to the rate asked for",
-            measured=alarms / cells / FALSE_ALARM_RATE, limit=2, unit="",
-        )
+        at_most(f"walk: {alarms} false alarms in {cells} cells, to the rate asked for", alarms / cells / FALSE_ALARM_RATE, 2)
     ]  # fmt: skip
 
 

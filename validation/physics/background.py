@@ -17,7 +17,7 @@ from t2d_rt.dataset.background_records import empty_room_record
 from t2d_rt.noise.background import BackgroundModel, BackgroundRecord, Grid, load_background
 from t2d_rt.noise.background.evaluate import Distances, distances, evaluation, gaussian_noise
 from t2d_rt.noise.background.training import learn_background
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Check, Section, at_least, at_most, new_figure, save_chart
 
 HELD_OUT = range(36, 48)
 """Seeds of rooms that the default model has not seen: it is learned from 0 to 35."""
@@ -129,16 +129,11 @@ def _judged(what: str, model: BackgroundModel, held_out: Sequence[BackgroundReco
         told = (
             "accuracy of the classifier from 0.5" if name == "classifier" else f"distance, {name.removesuffix('_db')}"
         )
-        checks.append(
-            Check(what=f"{what}: {told}, below both others", measured=_distance(name, prior), limit=limit, unit=unit)
-        )
+        checks.append(at_most(f"{what}: {told}, below both others", _distance(name, prior), limit, unit))
     assert used is not None
     codes = model.architecture.codes
     checks.append(
-        Check(
-            what=f"{what}: perplexity, of the code books' size", measured=100 * used / codes, limit=LEAST_PERPLEXITY, unit="%",
-            at_least=True,
-        )
+        at_least(f"{what}: perplexity, of the code books' size", 100 * used / codes, LEAST_PERPLEXITY, "%")
     )  # fmt: skip
     halves = [each.relative_db for each in held_out]
     rows = (

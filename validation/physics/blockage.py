@@ -14,7 +14,7 @@ from t2d_rt.motion import aside
 from t2d_rt.noise.masks import OcclusionMask
 from t2d_rt.recording.maps import background, background_settings
 from t2d_rt.types import Motion, Radar
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_least, at_most, new_figure, save_chart
 
 RADAR = Radar.preset("table2")
 SIZE_M = 7.0, 6.0, 2.6
@@ -52,20 +52,22 @@ def run() -> Section:
     cupboard, legs, person = (table[name] for name in ("cupboard, direct path", "table, direct path", "second person"))
     hidden_s = step_s * float(hidden(walk, times).sum())
     checks = [
-        Check(what="cupboard, direct path: deepest", measured=cupboard["deepest [dB]"], limit=DEEP_DB, unit="dB"),
-        Check(
-            what=f"cupboard: time below {HALF_DB:g} dB less that in which the pelvis is behind it ({hidden_s:.2f} s)",
-            measured=abs(cupboard["below -6 dB [s]"] - hidden_s), limit=0.2, unit="s",
+        at_most("cupboard, direct path: deepest", cupboard["deepest [dB]"], DEEP_DB, "dB"),
+        at_most(
+            f"cupboard: time below {HALF_DB:g} dB less that in which the pelvis is behind it ({hidden_s:.2f} s)",
+            abs(cupboard["below -6 dB [s]"] - hidden_s),
+            0.2,
+            "s",
         ),
-        Check(
-            what="table: attenuation of the whole body", measured=legs["deepest [dB]"], limit=DEEP_DB, unit="dB", at_least=True
+        at_least("table: attenuation of the whole body", legs["deepest [dB]"], DEEP_DB, "dB"),
+        at_least(
+            f"table: time in which speeds above {FAST_MPS:g} m/s are below {HALF_DB:g} dB",
+            legs["fast below -6 dB [s]"],
+            0.1,
+            "s",
         ),
-        Check(
-            what=f"table: time in which speeds above {FAST_MPS:g} m/s are below {HALF_DB:g} dB",
-            measured=legs["fast below -6 dB [s]"], limit=0.1, unit="s", at_least=True,
-        ),
-        Check(what="second person: deepest", measured=person["deepest [dB]"], limit=HALF_DB, unit="dB"),
-    ]  # fmt: skip
+        at_most("second person: deepest", person["deepest [dB]"], HALF_DB, "dB"),
+    ]
     mask = OcclusionMask()
     return Section(
         title="Blockage",

@@ -14,7 +14,7 @@ from t2d_rt.core.resources import resource
 from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.paths import find_paths
 from t2d_rt.types import Radar, Scene, Surface
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_least, at_most, new_figure, save_chart
 
 FREQUENCY_HZ, BEFORE_M, BEYOND_M = 77.87e9, 1.5, 1.5
 HIDDEN_S, FAST_MPS = (1.6, 2.4), 4.5
@@ -35,12 +35,10 @@ def run() -> Section:
     return Section(
         title="Edges",
         checks=[
-            Check(what="lit side of a knife edge", measured=float(np.abs(level - exact)[v <= 0].max()), limit=2, unit="dB"),
-            Check(what="at the edge itself", measured=abs(float(level[np.argmin(np.abs(v))]) + 6.02), limit=1, unit="dB"),
-            Check(what="walk behind a metal cupboard, down by", measured=float(loss_db[hidden].min()), limit=20, unit="dB",
-                  at_least=True),
-            Check(what=f"its power beyond {FAST_MPS:g} m/s beside that of the visible walk", measured=beyond_db, limit=3,
-                  unit="dB"),
+            at_most("lit side of a knife edge", float(np.abs(level - exact)[v <= 0].max()), 2, "dB"),
+            at_most("at the edge itself", abs(float(level[np.argmin(np.abs(v))]) + 6.02), 1, "dB"),
+            at_least("walk behind a metal cupboard, down by", float(loss_db[hidden].min()), 20, "dB"),
+            at_most(f"its power beyond {FAST_MPS:g} m/s beside that of the visible walk", beyond_db, 3, "dB"),
         ],
         note=f"A point {BEFORE_M + BEYOND_M:g} m away passes behind a screen half-way; v is the edge's height "
         "over the line of sight in units of sqrt(lambda d1 d2 / (2 (d1 + d2))). The walk (CMU 12_01, mesh, `table2`) goes "

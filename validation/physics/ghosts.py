@@ -16,7 +16,7 @@ from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.scattering.paths import ranked_pairs
 from t2d_rt.signal import range_doppler
 from t2d_rt.types import MovingMesh, PathPair, Radar, Scene, Surface
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Check, Section, at_most, new_figure, save_chart
 
 RADIUS_M, WALL_M = 0.15, 2.0
 START_M, VELOCITY_MPS, TIME_S = np.array([4.0, 0.3, 0.0]), np.array([-2.0, 0.5, 0.0]), 0.1
@@ -91,8 +91,8 @@ def _behind_a_ball() -> list[Check]:
         power.append(float(np.mean(np.abs(next(iter(found.parts.values())).adc.values) ** 2)))
     hidden, beside = (10 * math.log10(max(each / power[0], 1e-12)) for each in power[1:])
     return [
-        Check(what="ball before the wall: ghost over it", measured=hidden, limit=HIDDEN_DB, unit="dB"),
-        Check(what="ball beside the path to the wall: ghost over it, off by", measured=abs(beside), limit=POWER_DB, unit="dB"),
+        at_most("ball before the wall: ghost over it", hidden, HIDDEN_DB, "dB"),
+        at_most("ball beside the path to the wall: ghost over it, off by", abs(beside), POWER_DB, "dB"),
     ]  # fmt: skip
 
 
@@ -132,9 +132,9 @@ def _beside_a_wall() -> list[Check]:
         # Power of a line is that of the cells it spreads over.
         power_db = 10 * math.log10(_line_power(there.power, at) / _line_power(alone.power, alone_at) / expected)
         found += [
-            Check(what=f"{name}: range", measured=abs(seen_m - range_m) / bin_m, limit=RANGE_BINS, unit="bins"),
-            Check(what=f"{name}: speed", measured=abs(seen_mps - speed) / bin_mps, limit=SPEED_BINS, unit="bins"),
-            Check(what=f"{name}: power", measured=abs(power_db), limit=POWER_DB, unit="dB"),
+            at_most(f"{name}: range", abs(seen_m - range_m) / bin_m, RANGE_BINS, "bins"),
+            at_most(f"{name}: speed", abs(seen_mps - speed) / bin_mps, SPEED_BINS, "bins"),
+            at_most(f"{name}: power", abs(power_db), POWER_DB, "dB"),
         ]
     return found
 
@@ -211,11 +211,9 @@ def _unchanged() -> list[Check]:
     cube = t2d.simulate(static, radar=Radar.preset("table2"), scene="living_room").adc.values
     moving_dbc = _db(cube - cube.mean(axis=0), cube)
     return [
-        Check(what="antennas swapped", measured=_db(swapped[1] - swapped[0], swapped[0]), limit=SWAP_DB, unit="dB"),
-        Check(what="turned and shifted together", measured=_db(other - one, one), limit=MOVED_DB, unit="dB"),
-        Check(
-            what="nothing moves, with clutter: outside zero Doppler", measured=moving_dbc, limit=STATIC_DBC, unit="dBc"
-        ),
+        at_most("antennas swapped", _db(swapped[1] - swapped[0], swapped[0]), SWAP_DB, "dB"),
+        at_most("turned and shifted together", _db(other - one, one), MOVED_DB, "dB"),
+        at_most("nothing moves, with clutter: outside zero Doppler", moving_dbc, STATIC_DBC, "dBc"),
     ]
 
 

@@ -13,7 +13,7 @@ from t2d_rt.types import MovingMesh, Radar
 from validation.bodies import WALK, recorded
 from validation.physics.rcs import TIMES_S
 from validation.physics.turntable import Body, aspects, db, mesh_fields, rcs
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Check, Section, at_least, at_most, new_figure, save_chart
 
 STANDING, STRIDES = ("14_14_jumping_jacks.bvh", 0.0), ((WALK, 1.0), (WALK, 1.5), (WALK, 2.0))
 """Recording and time [s]: standing with arms down, and three instants of a stride."""
@@ -45,42 +45,35 @@ def run() -> Section:
     for material in MATERIALS:
         mean = means[material]
         checks += [
-            Check(
-                what=f"{material}: mean RCS over 360 degrees, 9 frequencies and 4 poses, at least",
-                measured=mean,
-                limit=PUBLISHED_DBSM[0],
-                unit="dBsm",
-                at_least=True,
+            at_least(
+                f"{material}: mean RCS over 360 degrees, 9 frequencies and 4 poses, at least",
+                mean,
+                PUBLISHED_DBSM[0],
+                "dBsm",
             ),
-            Check(what=f"{material}: the same, at most", measured=mean, limit=PUBLISHED_DBSM[1], unit="dBsm"),
-            Check(
-                what=f"{material}: mean RCS from 3GPP TR 38.901's, within one of its spreads",
-                measured=abs(mean - MEAN_3GPP_DBSM),
-                limit=SPREAD_3GPP_DB,
-                unit="dB",
+            at_most(f"{material}: the same, at most", mean, PUBLISHED_DBSM[1], "dBsm"),
+            at_most(
+                f"{material}: mean RCS from 3GPP TR 38.901's, within one of its spreads",
+                abs(mean - MEAN_3GPP_DBSM),
+                SPREAD_3GPP_DB,
+                "dB",
             ),
         ]
     checks += [
-        Check(
-            what="skin: spread of single aspects, at least 3GPP's",
-            measured=skin.single_db,
-            limit=SPREAD_3GPP_DB,
-            unit="dB",
-            at_least=True,
-        ),
-        Check(
-            what=f"skin: spread of means over the sweep and {SECTOR_DEG} degrees, at most 3GPP's",
-            measured=skin.sector_db,
-            limit=SPREAD_3GPP_DB,
-            unit="dB",
+        at_least("skin: spread of single aspects, at least 3GPP's", skin.single_db, SPREAD_3GPP_DB, "dB"),
+        at_most(
+            f"skin: spread of means over the sweep and {SECTOR_DEG} degrees, at most 3GPP's",
+            skin.sector_db,
+            SPREAD_3GPP_DB,
+            "dB",
         ),
     ]
     checks += [
-        Check(
-            what=f"{material}: standing, a side's mean from the mean over 360 degrees, worst of front, right, back, left",
-            measured=cut.worst_side_db,
-            limit=SIDE_LIMIT_DB,
-            unit="dB",
+        at_most(
+            f"{material}: standing, a side's mean from the mean over 360 degrees, worst of front, right, back, left",
+            cut.worst_side_db,
+            SIDE_LIMIT_DB,
+            "dB",
         )
         for material, cut in standing.items()
     ]
@@ -95,7 +88,7 @@ def run() -> Section:
 
 def _cubes_check(radar: Radar) -> Check:
     what = "skin: the same aspects from ADC cubes, power of 9"
-    return Check(what=what, measured=_from_cubes(radar), limit=0.1, unit="dB")
+    return at_most(what, _from_cubes(radar), 0.1, "dB")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

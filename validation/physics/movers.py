@@ -8,7 +8,7 @@ import t2d_rt as t2d
 from t2d_rt.scene import Mover
 from t2d_rt.signal import spectrogram
 from t2d_rt.types import Radar
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 FANS = ((3, 600.0, 0.18), (2, 900.0, 0.15), (5, 600.0, 0.20), (4, 1200.0, 0.12), (3, 450.0, 0.25))
 """Blades, revolutions per minute, radius [m]."""
@@ -38,10 +38,8 @@ def run() -> Section:
         })  # fmt: skip
     for what, unit in (("flash rate", "Hz"), ("tip speed", "m/s")):
         errors = [abs(row[f"{what} [{unit}]"] / row[f"expected [{unit}]"] - 1) for row in rows]
-        checks.append(Check(what=f"fan: {what}, worst of {len(FANS)}", measured=100 * max(errors), limit=2, unit="%"))
-    checks.append(
-        Check(what="fan: field beside that of 5 times the frames", measured=frame_error_db(), limit=-20, unit="dB")
-    )
+        checks.append(at_most(f"fan: {what}, worst of {len(FANS)}", 100 * max(errors), 2, "%"))
+    checks.append(at_most("fan: field beside that of 5 times the frames", frame_error_db(), -20, "dB"))
     return Section(
         title="Movers",
         checks=checks,

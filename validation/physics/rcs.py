@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 RANGES_M = (1.0, 3.0, 10.0, 30.0)
 SPHERE_M = 0.5642
@@ -32,7 +32,7 @@ def run() -> Section:
     facets, ellipsoid = _spheroids(radar)
     spheres = [_rotated_sphere(radar, seed) for seed in range(ORIENTATIONS)]
     checks = [
-        Check(what=f"{name}, worst error", measured=max(abs(r["error dB"]) for r in part), limit=LIMIT_DB, unit="dB")
+        at_most(f"{name}, worst error", max(abs(r["error dB"]) for r in part), LIMIT_DB, "dB")
         for name, part in (
             ("sphere r = 0.5642 m at 1, 3, 10, 30 m", rows[:4]),
             ("plate 10 cm at 1, 3, 10, 30 m", rows[4:8]),

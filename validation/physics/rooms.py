@@ -20,7 +20,7 @@ from t2d_rt.propagation.rays import mitsuba
 from t2d_rt.propagation.scenes import load_scene
 from t2d_rt.types import OneWayPath, Radar
 from t2d_rt.types.path_fields import field_over
-from validation.report import Check, Section, new_figure, save_chart
+from validation.report import Section, at_most, new_figure, save_chart
 
 SCENES, POSITIONS, SEED = ("empty_room", "living_room"), 20, 1
 LOW_M, HIGH_M = (1.0, -1.2, 0.3), (5.0, 1.0, 2.0)
@@ -50,7 +50,7 @@ def run() -> Section:
             ("range", found.worst["mm"], 0.01, "mm"), ("amplitude", found.worst["dB"], 0.1, "dB"),
             ("phase", found.worst["degrees"], 5, "degrees"),
         ):  # fmt: skip
-            checks.append(Check(what=f"{scene}: {what}", measured=measured, limit=limit, unit=unit))
+            checks.append(at_most(f"{scene}: {what}", measured, limit, unit))
     seconds, chart = _walk_chart()
     return Section(
         title="Rooms",

@@ -15,7 +15,7 @@ import trimesh
 
 import t2d_rt as t2d
 from t2d_rt.core.resources import resource
-from validation.report import Check, Section
+from validation.report import Section, at_most
 
 LIMIT_GB, AMPLE_GB = 2.0, 16.0
 WALK_S = 2.0
@@ -30,11 +30,11 @@ def run() -> Section:
     return Section(
         title="Memory",
         checks=[
-            Check(what="greatest memory at the default limit", measured=most, limit=LIMIT_GB, unit="GB"),
-            Check(what="results that depend on the limit", measured=differing, limit=0, unit=""),
-            Check(what="warnings", measured=sum(each["warnings"] for each in rows), limit=0, unit=""),
-            Check(what="error of the walk, -20 dB asked", measured=rows[0]["error dB"], limit=-20.0, unit="dB"),
-            Check(what="memory predicted beside that taken", measured=float(np.exp(off)), limit=1.5, unit="times"),
+            at_most("greatest memory at the default limit", most, LIMIT_GB, "GB"),
+            at_most("results that depend on the limit", differing, 0),
+            at_most("warnings", sum(each["warnings"] for each in rows), 0),
+            at_most("error of the walk, -20 dB asked", rows[0]["error dB"], -20.0, "dB"),
+            at_most("memory predicted beside that taken", float(np.exp(off)), 1.5, "times"),
         ],
         note=f"{WALK_S:g} s of a walk (CMU 12_01) in living_room to -20 dB, the error measured after it; 12 chirps of 16 384 "
         f"samples over 111 GHz; a sphere of 327 680 triangles. Each at memory_gb={LIMIT_GB:g} and {AMPLE_GB:g}; memory is the "

@@ -26,7 +26,7 @@ from t2d_rt.core.resources import resource
 from t2d_rt.recording.files import check_free
 from t2d_rt.recording.recording import Recording
 from t2d_rt.types import Radar
-from validation.report import Check, Section
+from validation.report import Section, at_most
 
 CONTEXT = multiprocessing.get_context("forkserver")
 CONTEXT.set_forkserver_preload(["xarray", "zarr", "scipy.signal", "validation.robustness.results"])
@@ -61,10 +61,7 @@ def run() -> Section:
     names += (TIDY,)
     return Section(
         title="Results on disk",
-        checks=[
-            Check(what=f"{runs} killed runs, {name}: failures", measured=faults[name], limit=0, unit="")
-            for name in names
-        ],
+        checks=[at_most(f"{runs} killed runs, {name}: failures", faults[name], 0) for name in names],
         note=f"{KILLS} kill -9 and {KILLS} SIGTERM at random instants of the {took_s:.2f} s that saving 4 MB takes, in "
         "turn of fresh, overwriting and paired runs (two writers, one is killed); kill -9 before each of the "
         f"{steps['fresh']} steps of a fresh and {steps['overwriting']} of an overwriting run in the file system (Python's "

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from validation.report import FOLDER, Check, Section, new_figure, save_chart
+from validation.report import FOLDER, Section, at_most, new_figure, save_chart
 
 CALLS = 300
 SETTLED = 100
@@ -44,24 +44,21 @@ def section(resident_mb: Sequence[float], calls: list[str], folder: Path = FOLDE
     return Section(
         title="Memory over many calls",
         checks=[
-            Check(what=f"resident memory at the end over that after {SETTLED} calls", measured=100 * (end / start - 1),
-            limit=5, unit="%"),
-            Check(
-                what=f"highest level (median of {LEVEL} calls) over that after {SETTLED} calls",
-                measured=100 * (float(np.max(levels)) / start - 1),
-                limit=5,
-                unit="%",
+            at_most(f"resident memory at the end over that after {SETTLED} calls", 100 * (end / start - 1), 5, "%"),
+            at_most(
+                f"highest level (median of {LEVEL} calls) over that after {SETTLED} calls",
+                100 * (float(np.max(levels)) / start - 1),
+                5,
+                "%",
             ),
-            Check(
-                what=f"trend over the last {len(after)} calls", measured=100 * slope * len(after) / start, limit=5, unit="%"
-            ),
+            at_most(f"trend over the last {len(after)} calls", 100 * slope * len(after) / start, 5, "%"),
         ],
         note=f"{CALLS} calls in one process, drawn at random with a fixed seed: motions, pieces and lengths of them, both models, "
         "meshes of 80 to 5 000 facets and the body, rooms, tolerances, movers, arrays, plans, spectrograms, recordings saved and "
         f"loaded. Resident memory: {start:.0f} MB after {SETTLED} calls, {end:.0f} MB at the end, {slope:.3f} MB a "
         f"call, single calls up to {100 * (float(after.max()) / start - 1):.1f} % above the first.",
         charts=[_chart(resident, calls, start, folder)],
-    )  # fmt: skip
+    )
 
 
 def _chart(resident: np.ndarray, calls: list[str], start: float, folder: Path) -> str:

@@ -16,7 +16,7 @@ from validation.methods.chart.measure import REFERENCE_RAD, ROOM_REFERENCE_RAD, 
 from validation.methods.chart.methods import DEFAULT, METHODS, SUMMED, Method
 from validation.methods.chart.plots import default_of, small_charts, speed_accuracy
 from validation.methods.chart.slow import POSE_RATE_HZ, float64, point_sums, sionna_paths
-from validation.report import Check, Section
+from validation.report import Check, Section, at_least, at_most
 
 SCENES = ("free_space", "empty_room", "living_room")
 START_M = 4.2
@@ -84,11 +84,10 @@ def run() -> Section:
         fine_db[case.scene, case.name] = case.error_db(case.fine.cube)
         found[case.scene, case.name] = points
     checks.append(
-        Check(what="the stand-in's own field NMSE, walk in free space", measured=fine_db["free_space", "walk"],
-              limit=FINE_LIMIT_DB, unit="dB")
+        at_most("the stand-in's own field NMSE, walk in free space", fine_db["free_space", "walk"], FINE_LIMIT_DB, "dB")
     )  # fmt: skip
     in_rooms = max(db for (scene, _), db in fine_db.items() if scene != "free_space")
-    checks.append(Check(what="the same, the worst in rooms", measured=in_rooms, limit=ROOM_LIMIT_DB, unit="dB"))
+    checks.append(at_most("the same, the worst in rooms", in_rooms, ROOM_LIMIT_DB, "dB"))
     checks += _fronts(found)
     speed_accuracy(found["free_space", "walk"])
     return Section(
@@ -107,7 +106,7 @@ def _fronts(found: dict[tuple[str, str], list[Point]]) -> list[Check]:
         for (scene, motion), points in found.items():
             db, longer = gap(points, default_of(points), error)
             what = f"{scene}, {motion}: default off the front of {name}, in units of {GAP_DB:g} dB or {GAP_TIME:.0%} of time"
-            checks.append(Check(what=what, measured=min(db / GAP_DB, longer / GAP_TIME), limit=1, unit=""))
+            checks.append(at_most(what, min(db / GAP_DB, longer / GAP_TIME), 1))
     return checks
 
 
@@ -115,13 +114,14 @@ def _faster(points: Sequence[Point]) -> list[Check]:
     """One point per facet at the default's error: summed chirp by chirp as usual, and by this engine's own merging of echoes."""
     default = default_of(points)
     return [
-        Check(
-            what=f"walk in free space: time of {method}, at the default's error, against the default's",
-            measured=seconds_at([p for p in points if p.method == method], default.nmse_db) / default.seconds_per_second,
-            limit=limit, unit="times", at_least=True,
+        at_least(
+            f"walk in free space: time of {method}, at the default's error, against the default's",
+            seconds_at([p for p in points if p.method == method], default.nmse_db) / default.seconds_per_second,
+            limit,
+            "times",
         )
         for method, limit in ((SUMMED, FASTER_LIMIT), ("facets with one point each", MERGED_LIMIT))
-    ]  # fmt: skip
+    ]
 
 
 def _note(found: dict[tuple[str, str], list[Point]], fine_db: dict[tuple[str, str], float]) -> str:

@@ -17,7 +17,7 @@ from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.targets import decibel
 from validation.physics.rcs import SPHEROID_M, TIMES_S, sphere
-from validation.report import new_figure, save_chart
+from validation.report import at_least, at_most, new_figure, save_chart
 
 PASSING_M, PASSING_MPS, PASSING_S = 0.05, 0.5, 0.4
 """Radius, speed and time of a sphere that comes out from behind an edge."""
@@ -70,14 +70,9 @@ def popping(radar: Radar) -> tuple[Case, str]:
     axis.legend(fontsize=8, loc="upper right")
     axis.grid(alpha=0.3)
     case = Case(
-        name=f"popping visibility, floor beyond {FAST_MPS:g} m/s",
-        failing="facets switched as they pass a shadow's edge",
-        failing_error=floors[0],
-        fails_by=-60,
-        ours="visibility at 25 Hz, faded, and amplitudes as cubics between surface frames",
-        error=floors[1],
-        limit=-80,
-        unit="dB",
+        f"popping visibility, floor beyond {FAST_MPS:g} m/s",
+        at_least("facets switched as they pass a shadow's edge", floors[0], -60, "dB"),
+        at_most("visibility at 25 Hz, faded, and amplitudes as cubics between surface frames", floors[1], -80, "dB"),
     )
     return case, save_chart(figure, "stability_popping.png")
 
@@ -126,14 +121,16 @@ def grazing(radar: Radar) -> Case:
     )
     sampled = view.visibility(samples_s[:1])[0][0]
     return Case(
-        name="grazing rays, lit vertices of a sphere said to be occluded",
-        failing=f"{RAY_LIFT_M * 1e3:g} mm off the surface, through a proxy of {len(faces)} faces",
-        failing_error=float(np.mean(stopped[lit])),
-        fails_by=0.1,
-        ours="2 mm off along ray and normal, through the mesh itself",
-        error=float(np.mean(sampled[lit] < 1)),
-        limit=0,
-        unit="of all",
+        "grazing rays, lit vertices of a sphere said to be occluded",
+        at_least(
+            f"{RAY_LIFT_M * 1e3:g} mm off the surface, through a proxy of {len(faces)} faces",
+            float(np.mean(stopped[lit])),
+            0.1,
+            "of all",
+        ),
+        at_most(
+            "2 mm off along ray and normal, through the mesh itself", float(np.mean(sampled[lit] < 1)), 0, "of all"
+        ),
     )
 
 
@@ -169,14 +166,9 @@ def end_on(radar: Radar) -> Case:
         )
     ]
     return Case(
-        name="ellipsoid formula end-on, where the echo is",
-        failing="range of the centre",
-        failing_error=abs(at[0] - END_ON_M) * 1e3,
-        fails_by=200,
-        ours="specular point, and mesh",
-        error=max(abs(each - END_ON_M) for each in at[1:]) * 1e3,
-        limit=2,
-        unit="mm",
+        "ellipsoid formula end-on, where the echo is",
+        at_least("range of the centre", abs(at[0] - END_ON_M) * 1e3, 200, "mm"),
+        at_most("specular point, and mesh", max(abs(each - END_ON_M) for each in at[1:]) * 1e3, 2, "mm"),
     )
 
 
@@ -201,14 +193,9 @@ def overlapping(radar: Radar) -> Case:
         for method, (both, one) in fields.items():
             errors[method].append(abs(float(decibel(np.sum(np.abs(both) ** 2) / np.sum(np.abs(one) ** 2)))))
     return Case(
-        name="overlapping segments, a sphere within a sphere",
-        failing="ellipsoids side by side: power off by up to",
-        failing_error=max(errors["ellipsoid"]),
-        fails_by=1,
-        ours="mesh with its occlusion, worst of four places",
-        error=max(errors["mesh"]),
-        limit=0.1,
-        unit="dB",
+        "overlapping segments, a sphere within a sphere",
+        at_least("ellipsoids side by side: power off by up to", max(errors["ellipsoid"]), 1, "dB"),
+        at_most("mesh with its occlusion, worst of four places", max(errors["mesh"]), 0.1, "dB"),
     )
 
 
@@ -231,14 +218,9 @@ def hidden(radar: Radar) -> Case:
             )
         )
     return Case(
-        name="an occluded limb, power left of its echo",
-        failing="ellipsoids",
-        failing_error=left[0],
-        fails_by=-1,
-        ours="mesh with its occlusion",
-        error=left[1],
-        limit=-40,
-        unit="dB",
+        "an occluded limb, power left of its echo",
+        at_least("ellipsoids", left[0], -1, "dB"),
+        at_most("mesh with its occlusion", left[1], -40, "dB"),
     )
 
 

@@ -2,55 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from validation.report import Check
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Case:
-    """Two methods on one problem, each with its error."""
+    """Two methods on one problem, each by its name with its error."""
 
     name: str
-    failing: str
-    """The common method."""
-    failing_error: float
-    fails_by: float
-    """Less than that, and the case proves nothing."""
-    ours: str
-    error: float
-    limit: float
-    """Our error may reach it."""
-    unit: str
-    failing_unit: str = ""
-    """Of the other's error, where it is not the same."""
+    fails: Check
+    """The common method; where its error is less than that limit, the case proves nothing."""
+    holds: Check
+    """Ours."""
 
     @property
     def checks(self) -> list[Check]:
         """That the one fails, and that the other holds."""
+        fails, holds = self.fails, self.holds
         return [
-            Check(
-                what=f"{self.name}: {self.failing}, fails by",
-                measured=self.failing_error,
-                limit=self.fails_by,
-                unit=self.failing_unit or self.unit,
-                at_least=True,
-            ),
-            Check(what=f"{self.name}: {self.ours}", measured=self.error, limit=self.limit, unit=self.unit),
+            replace(fails, what=f"{self.name}: {fails.what}, fails by"),
+            replace(holds, what=f"{self.name}: {holds.what}"),
         ]
 
     @property
     def row(self) -> dict[str, object]:
         """Of the report's table."""
-        fails, holds = self.checks
+        fails, holds = self.fails, self.holds
         verdict = "holds" if holds.passed else "**fails**"
         return {
             "case": self.name,
-            "failing method": self.failing,
-            "its error": f"{self.failing_error:.3g} {self.failing_unit or self.unit}",
-            "ours": self.ours,
-            "our error": f"{self.error:.3g} {self.unit}",
-            "limit": f"{self.limit:g} {self.unit}",
+            "failing method": fails.what,
+            "its error": f"{fails.measured:.3g} {fails.unit}",
+            "ours": holds.what,
+            "our error": f"{holds.measured:.3g} {holds.unit}",
+            "limit": f"{holds.limit:g} {holds.unit}",
             "verdict": verdict if fails.passed else f"{verdict}, and so does the other",
         }
 

@@ -12,7 +12,7 @@ from t2d_rt.types import Radar
 from validation.methods.stability.case import Case
 from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import PLATE_M, plate_rcs
-from validation.report import new_figure, save_chart
+from validation.report import at_least, at_most, new_figure, save_chart
 
 PLATE_RANGES_M = (1.0, 3.0, 10.0)
 NEAR_RANGES_M = (0.05, 0.1, 0.2, 0.3)
@@ -35,24 +35,19 @@ def near_field(radar: Radar) -> tuple[list[Case], str]:
     ours = [measured_rcs(static_mesh(*plate(range_m, radar)), radar, range_m) for range_m in PLATE_RANGES_M]
     cases = [
         Case(
-            name=f"near field, plate of 10 cm at {PLATE_RANGES_M[0]:g} m",
-            failing="4 pi A^2 / lambda^2",
-            failing_error=abs(decibel(far / exact[0])),
-            fails_by=10,
-            ours="facets with the vertices' exact ranges",
-            error=abs(decibel(ours[0] / exact[0])),
-            limit=0.3,
-            unit="dB",
+            f"near field, plate of 10 cm at {PLATE_RANGES_M[0]:g} m",
+            at_least("4 pi A^2 / lambda^2", abs(decibel(far / exact[0])), 10, "dB"),
+            at_most("facets with the vertices' exact ranges", abs(decibel(ours[0] / exact[0])), 0.3, "dB"),
         ),
         Case(
-            name="near field, the same at 3 m",
-            failing="4 pi A^2 / lambda^2",
-            failing_error=abs(decibel(far / exact[1])),
-            fails_by=1,
-            ours="facets with the vertices' exact ranges",
-            error=max(abs(decibel(m / e)) for m, e in zip(ours[1:], exact[1:], strict=True)),
-            limit=0.3,
-            unit="dB",
+            "near field, the same at 3 m",
+            at_least("4 pi A^2 / lambda^2", abs(decibel(far / exact[1])), 1, "dB"),
+            at_most(
+                "facets with the vertices' exact ranges",
+                max(abs(decibel(m / e)) for m, e in zip(ours[1:], exact[1:], strict=True)),
+                0.3,
+                "dB",
+            ),
         ),
     ]
     ranges = np.geomspace(0.3, 30, 120)
@@ -81,14 +76,9 @@ def close_by(radar: Radar) -> Case:
     ]
     nearest = NEAR_RANGES_M[0]
     return Case(
-        name="radar 5 to 30 cm from a sphere of 15 cm",
-        failing="pi a^2, the far field's",
-        failing_error=abs(decibel(math.pi * SPHERE_M**2 / ball_rcs(SPHERE_M, nearest))),
-        fails_by=6,
-        ours="facets, worst of four ranges",
-        error=max(errors),
-        limit=0.3,
-        unit="dB",
+        "radar 5 to 30 cm from a sphere of 15 cm",
+        at_least("pi a^2, the far field's", abs(decibel(math.pi * SPHERE_M**2 / ball_rcs(SPHERE_M, nearest))), 6, "dB"),
+        at_most("facets, worst of four ranges", max(errors), 0.3, "dB"),
     )
 
 
@@ -103,14 +93,9 @@ def inside(radar: Radar) -> Case:
     except t2d.InputError as error:
         refused = "is inside" in str(error)
     return Case(
-        name="radar inside a body",
-        failing="lit faces only: none, and no word of it",
-        failing_error=1 - float(lit),
-        fails_by=1,
-        ours="refused in one sentence",
-        error=float(not refused),
-        limit=0,
-        unit="of cases silent",
+        "radar inside a body",
+        at_least("lit faces only: none, and no word of it", 1 - float(lit), 1, "of cases silent"),
+        at_most("refused in one sentence", float(not refused), 0, "of cases silent"),
     )
 
 
@@ -159,16 +144,14 @@ def caustic(radar: Radar) -> tuple[Case, str]:
     closed = 4 * math.pi * area**2 / radar.wavelength_m**2
     middle = BOWL_RANGES_M.index(BOWL_M)
     case = Case(
-        name="caustic: 1 mm from a bowl's centre of curvature",
-        failing="geometrical optics",
-        failing_error=decibel(bowl_rays_rcs(BOWL_M + 1e-3) / closed),
-        fails_by=20,
-        ours="facets at the centre, against 4 pi A^2 / lambda^2, and at eight ranges about it",
-        error=max(
-            abs(decibel(ours[middle] / closed)), *(abs(decibel(m / e)) for m, e in zip(ours, exact, strict=True))
+        "caustic: 1 mm from a bowl's centre of curvature",
+        at_least("geometrical optics", decibel(bowl_rays_rcs(BOWL_M + 1e-3) / closed), 20, "dB"),
+        at_most(
+            "facets at the centre, against 4 pi A^2 / lambda^2, and at eight ranges about it",
+            max(abs(decibel(ours[middle] / closed)), *(abs(decibel(m / e)) for m, e in zip(ours, exact, strict=True))),
+            0.3,
+            "dB",
         ),
-        limit=0.3,
-        unit="dB",
     )
     ranges = np.linspace(0.45, 2.1, 800)
     figure, axis = new_figure()

@@ -16,7 +16,7 @@ from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.distances import caustic, close_by, inside, near_field, plate
 from validation.methods.stability.targets import SPHERE_M, ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import sphere
-from validation.report import FOLDER, new_figure, save_chart
+from validation.report import FOLDER, at_least, at_most, new_figure, save_chart
 
 RANGE_M, ORIENTATIONS = 10.0, 8
 SIZES = (3, 4, 5, 6, 7)
@@ -56,14 +56,9 @@ def facet_size(radar: Radar) -> tuple[Case, str]:
     ]
     rms = float(np.sqrt(np.mean(np.square(ours))))
     case = Case(
-        name=f"facets of {edges[0]:.1f} wavelengths, sphere",
-        failing="one point per facet, RMS over 8 orientations",
-        failing_error=errors["one point per facet"][0],
-        fails_by=10,
-        ours="the same mesh, refined on its curved surface",
-        error=rms,
-        limit=0.3,
-        unit="dB",
+        f"facets of {edges[0]:.1f} wavelengths, sphere",
+        at_least("one point per facet, RMS over 8 orientations", errors["one point per facet"][0], 10, "dB"),
+        at_most("the same mesh, refined on its curved surface", rms, 0.3, "dB"),
     )
     figure, axis = new_figure()
     for (name, found), mark in zip(errors.items(), ("o-", "s-"), strict=True):
@@ -123,14 +118,9 @@ def small_differences(folder: Path = FOLDER) -> tuple[list[Case], str]:
                 worst.setdefault((name, dtype), []).append(float(np.max(error, initial=0)))
     cases = [
         Case(
-            name=f"small phase differences, {dtype.__name__}",
-            failing="plain divided difference",
-            failing_error=max(worst["plain", dtype]),
-            fails_by=1,
-            ours="series where they are small",
-            error=max(worst["ours", dtype]),
-            limit=limit,
-            unit="of the value",
+            f"small phase differences, {dtype.__name__}",
+            at_least("plain divided difference", max(worst["plain", dtype]), 1, "of the value"),
+            at_most("series where they are small", max(worst["ours", dtype]), limit, "of the value"),
         )
         for dtype, limit in ((np.float32, 1e-5), (np.float64, 1e-12))
     ]
@@ -174,24 +164,19 @@ def tangent(radar: Radar) -> list[Case]:
     jump = max(float(np.abs(samples - each).max() / np.abs(broadside).max()) for each in ends)
     return [
         Case(
-            name="exactly tangent: a plate seen from its edge",
-            failing="plain divided difference, fraction of facets that are NaN",
-            failing_error=float(np.mean(~np.isfinite(plain))),
-            fails_by=1,
-            ours="fraction of samples that are NaN",
-            error=float(np.mean(~np.isfinite(samples))),
-            limit=0,
-            unit="of all",
+            "exactly tangent: a plate seen from its edge",
+            at_least(
+                "plain divided difference, fraction of facets that are NaN",
+                float(np.mean(~np.isfinite(plain))),
+                1,
+                "of all",
+            ),
+            at_most("fraction of samples that are NaN", float(np.mean(~np.isfinite(samples))), 0, "of all"),
         ),
         Case(
-            name="through grazing, from -0.0001 to 0.0001 degrees",
-            failing="a lit triangle counts by its area, jump of the field",
-            failing_error=_area_jump(radar),
-            fails_by=1e-3,
-            ours="jump of the field",
-            error=jump,
-            limit=1e-6,
-            unit="of broadside",
+            "through grazing, from -0.0001 to 0.0001 degrees",
+            at_least("a lit triangle counts by its area, jump of the field", _area_jump(radar), 1e-3, "of broadside"),
+            at_most("jump of the field", jump, 1e-6, "of broadside"),
         ),
     ]
 
@@ -228,13 +213,12 @@ def degenerate(radar: Radar, range_m: float = 3.0) -> Case:
     samples = t2d.simulate(mesh, radar=radar).cube[0, 0]
     error = abs(decibel(measured_rcs(mesh, radar, range_m) / ball_rcs(SPHERE_M, range_m)))
     return Case(
-        name="triangles of no area",
-        failing="normals by division, fraction of sums that are NaN",
-        failing_error=float(np.isnan(naive)),
-        fails_by=1,
-        failing_unit="of all",
-        ours="the same mesh with slivers, collapsed edges and double corners, of the whole sphere",
-        error=float(error) if np.isfinite(samples).all() else math.nan,
-        limit=1,
-        unit="dB",
+        "triangles of no area",
+        at_least("normals by division, fraction of sums that are NaN", float(np.isnan(naive)), 1, "of all"),
+        at_most(
+            "the same mesh with slivers, collapsed edges and double corners, of the whole sphere",
+            float(error) if np.isfinite(samples).all() else math.nan,
+            1,
+            "dB",
+        ),
     )

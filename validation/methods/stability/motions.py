@@ -17,7 +17,7 @@ from t2d_rt.types.ellipsoids import PoseTrack
 from validation.bodies import WALK, recorded
 from validation.methods.reference import nmse_db
 from validation.methods.stability.case import Case, Theme
-from validation.report import new_figure, save_chart
+from validation.report import at_least, at_most, new_figure, save_chart
 
 RATES_HZ = (10.0, 15.0, 20.0, 30.0, 40.0, 60.0)
 JITTER_M, JITTER_DEG, CMU_UNIT_M = 1e-3, 0.1, 0.05644
@@ -59,14 +59,9 @@ def frame_rate(radar: Radar) -> tuple[list[Case], str]:
     lines, _, ours = (errors[name][at] for name in names)
     cases = [
         Case(
-            name=f"a file of 20 Hz, RMS error of {what}, all joints",
-            failing="straight lines between frames",
-            failing_error=lines[n],
-            fails_by=fails_by,
-            ours="C2 splines of rotations",
-            error=ours[n],
-            limit=limit,
-            unit=unit,
+            f"a file of 20 Hz, RMS error of {what}, all joints",
+            at_least("straight lines between frames", lines[n], fails_by, unit),
+            at_most("C2 splines of rotations", ours[n], limit, unit),
         )
         for n, (what, fails_by, limit, unit) in enumerate((("phase", 3, 1, "rad"), ("speed", 0.05, 0.02, "m/s")))
     ]
@@ -115,16 +110,16 @@ def jitter() -> Case:
     speeds = {name: np.diff(file.joints, axis=0) * file.rate_hz for name, file in files.items()}
     error = {name: _rms(speeds[name] - speeds["clean"]) for name in ("as it is", "ours")}
     return Case(
-        name="jitter of 1 mm and 0.1 degrees at 120 Hz, RMS speed of joints that is not there",
-        failing="the file as it is",
-        failing_error=error["as it is"],
-        fails_by=0.2,
-        ours="load_motion as it is called: noise is noticed and smoothed"
-        if "smoothed at" in files["ours"].report
-        else "not noticed",
-        error=error["ours"],
-        limit=0.1,
-        unit="m/s",
+        "jitter of 1 mm and 0.1 degrees at 120 Hz, RMS speed of joints that is not there",
+        at_least("the file as it is", error["as it is"], 0.2, "m/s"),
+        at_most(
+            "load_motion as it is called: noise is noticed and smoothed"
+            if "smoothed at" in files["ours"].report
+            else "not noticed",
+            error["ours"],
+            0.1,
+            "m/s",
+        ),
     )
 
 
@@ -153,14 +148,9 @@ def file_rates(radar: Radar) -> list[Case]:
     slow, *others = FILE_RATES_HZ
     return [
         Case(
-            name=f"the same walk from a file of {name} Hz, field NMSE",
-            failing=f"the pose of the last frame of {rate:g} Hz",
-            failing_error=_held(walk, radar, rate),
-            fails_by=fails_by,
-            ours="splines",
-            error=max(errors[each] for each in rates),
-            limit=limit,
-            unit="dB",
+            f"the same walk from a file of {name} Hz, field NMSE",
+            at_least(f"the pose of the last frame of {rate:g} Hz", _held(walk, radar, rate), fails_by, "dB"),
+            at_most("splines", max(errors[each] for each in rates), limit, "dB"),
         )
         for name, rate, rates, fails_by, limit in (
             (f"{slow:g}", slow, [slow], -3, -12),

@@ -23,7 +23,7 @@ from validation.bodies import WALK, recorded
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.targets import ball, ball_rcs, decibel, measured_rcs, static_mesh
 from validation.physics.rcs import TIMES_S, sphere
-from validation.report import new_figure, save_chart
+from validation.report import at_least, at_most, new_figure, save_chart
 
 BALL_M, RANGE_M = 0.15, 3.0
 POSES = 40
@@ -101,25 +101,18 @@ def specular_path(radar: Radar) -> list[Case]:
     errors = [abs(decibel(measured_rcs(static_mesh(v, faces), radar, RANGE_M) / exact)) for v in poses[:8]]
     return [
         Case(
-            name="Sionna RT's specular path, sphere in random poses",
-            failing=f"poses of {POSES} without a path",
-            failing_error=float(np.mean(np.array(found) == 0)),
-            fails_by=0.9,
-            ours="worst of 8 of them",
-            error=max(errors),
-            limit=0.3,
-            unit="dB",
-            failing_unit="of all",
+            "Sionna RT's specular path, sphere in random poses",
+            at_least(f"poses of {POSES} without a path", float(np.mean(np.array(found) == 0)), 0.9, "of all"),
+            at_most("worst of 8 of them", max(errors), 0.3, "dB"),
         ),
         Case(
-            name="the same with a face square to the radar",
-            failing="its path is that of a plane, pi R^2",
-            failing_error=abs(decibel(theirs / exact)) if paths else math.nan,
-            fails_by=20,
-            ours="facets",
-            error=abs(decibel(measured_rcs(static_mesh(square, faces), radar, RANGE_M) / exact)),
-            limit=0.3,
-            unit="dB",
+            "the same with a face square to the radar",
+            at_least(
+                "its path is that of a plane, pi R^2", abs(decibel(theirs / exact)) if paths else math.nan, 20, "dB"
+            ),
+            at_most(
+                "facets", abs(decibel(measured_rcs(static_mesh(square, faces), radar, RANGE_M) / exact)), 0.3, "dB"
+            ),
         ),
     ]
 
@@ -134,14 +127,19 @@ def diffuse_paths(radar: Radar) -> tuple[Case, str]:
     ours = [_diffuse_rcs(surface, radar, rough, points) for points in POINTS]
     mean = _lambertian_rcs(ROUGH_M, NEAR_M)
     case = Case(
-        name="diffuse returns summed as fields",
-        failing=f"Sionna RT's diffuse paths, {RAYS[-1] / 1e6:g} instead of {RAYS[2] / 1e6:g} million rays: RCS grows by",
-        failing_error=float(decibel(theirs[-1] / theirs[2])),
-        fails_by=6,
-        ours=f"frozen points of random phase, {POINTS[0]} to {POINTS[-1]}: their mean RCS, against an integral",
-        error=max(abs(decibel(each / mean)) for each in ours),
-        limit=0.5,
-        unit="dB",
+        "diffuse returns summed as fields",
+        at_least(
+            f"Sionna RT's diffuse paths, {RAYS[-1] / 1e6:g} instead of {RAYS[2] / 1e6:g} million rays: RCS grows by",
+            float(decibel(theirs[-1] / theirs[2])),
+            6,
+            "dB",
+        ),
+        at_most(
+            f"frozen points of random phase, {POINTS[0]} to {POINTS[-1]}: their mean RCS, against an integral",
+            max(abs(decibel(each / mean)) for each in ours),
+            0.5,
+            "dB",
+        ),
     )
     figure, axis = new_figure()
     axis.semilogx(
@@ -197,15 +195,11 @@ def random_rays(radar: Radar) -> Case:
     cubes = [t2d.simulate(target, radar=radar, seed=seed).cube[0, 0] for seed in (0, 1)]
     change = float(np.abs(cubes[1] - cubes[0]).max() / np.abs(cubes[0]).max())
     return Case(
-        name="rays and seeds, conducting sphere",
-        failing=f"{SHOTS} random rays summed as fields, spread of RCS over {DRAWS} seeds",
-        failing_error=float(np.ptp(spread)),
-        fails_by=3,
-        ours="change of the samples from seed to seed",
-        error=change,
-        limit=0,
-        unit="of their peak",
-        failing_unit="dB",
+        "rays and seeds, conducting sphere",
+        at_least(
+            f"{SHOTS} random rays summed as fields, spread of RCS over {DRAWS} seeds", float(np.ptp(spread)), 3, "dB"
+        ),
+        at_most("change of the samples from seed to seed", change, 0, "of their peak"),
     )
 
 
@@ -235,14 +229,19 @@ def coplanar(radar: Radar) -> list[Case]:
         ours = ghosts(*(wall(f"piece {n}", *piece) for n, piece in enumerate(pieces)))
         cases.append(
             Case(
-                name=f"walls in one plane, {name}",
-                failing="an image for each piece that holds the reflection",
-                failing_error=decibel(_image_count(radar, pieces) ** 2),
-                fails_by=6,
-                ours="power of the ghosts against one wall's",
-                error=abs(decibel(np.sum(np.abs(ours) ** 2) / np.sum(np.abs(whole) ** 2))),
-                limit=0.5,
-                unit="dB",
+                f"walls in one plane, {name}",
+                at_least(
+                    "an image for each piece that holds the reflection",
+                    decibel(_image_count(radar, pieces) ** 2),
+                    6,
+                    "dB",
+                ),
+                at_most(
+                    "power of the ghosts against one wall's",
+                    abs(decibel(np.sum(np.abs(ours) ** 2) / np.sum(np.abs(whole) ** 2))),
+                    0.5,
+                    "dB",
+                ),
             )
         )
     return cases
@@ -282,14 +281,14 @@ def touching(radar: Radar) -> Case:
         )
         finite.append(np.isfinite(found.cube[0]).all())
     return Case(
-        name=f"a point {GAPS_M[0] * 1e3:g} mm from a wall",
-        failing="Sionna RT's solver, missing of 4 paths",
-        failing_error=float(counts[-1][0] - counts[0][0]),
-        fails_by=3,
-        ours=f"missing of 4 at {GAPS_M[0] * 1e3:g} to {GAPS_M[-1] * 1e3:g} mm; samples of a sphere in the wall are finite",
-        error=float(4 - min(ours for _, ours in counts)) if all(finite) else math.nan,
-        limit=0,
-        unit="paths",
+        f"a point {GAPS_M[0] * 1e3:g} mm from a wall",
+        at_least("Sionna RT's solver, missing of 4 paths", float(counts[-1][0] - counts[0][0]), 3, "paths"),
+        at_most(
+            f"missing of 4 at {GAPS_M[0] * 1e3:g} to {GAPS_M[-1] * 1e3:g} mm; samples of a sphere in the wall are finite",
+            float(4 - min(ours for _, ours in counts)) if all(finite) else math.nan,
+            0,
+            "paths",
+        ),
     )
 
 
@@ -311,12 +310,12 @@ def collisions(radar: Radar) -> Case:
             t2d.simulate(walk, radar=radar, scene=scene, method="ellipsoid", reflections=0, clutter="none")
         said.append(any("goes through" in str(each.message) for each in told))
     return Case(
-        name="a walk inside a room, feet on the floor, and one through its wall",
-        failing="any vertex outside the room's box: instants of the first that are alarms",
-        failing_error=float(alarms.mean()),
-        fails_by=0.3,
-        ours="wrong verdicts on the two",
-        error=float(np.mean([said[0], not said[1]])),
-        limit=0,
-        unit="of all",
+        "a walk inside a room, feet on the floor, and one through its wall",
+        at_least(
+            "any vertex outside the room's box: instants of the first that are alarms",
+            float(alarms.mean()),
+            0.3,
+            "of all",
+        ),
+        at_most("wrong verdicts on the two", float(np.mean([said[0], not said[1]])), 0, "of all"),
     )

@@ -26,7 +26,7 @@ from validation.physics.canonical.flat import (
 from validation.physics.canonical.pattern import BODY_KA, FACET_KA, KA, LIMIT_DB, ORIENTATIONS, Pattern, worst_db
 from validation.physics.canonical.report import corner_chart, ka_chart, note, pattern_chart, width_chart
 from validation.physics.turntable import db
-from validation.report import Check, Section
+from validation.report import Check, Section, at_most
 
 MIE_TRUTH = ((1.028, 3.65495), (2.0, 1.00814), (5.0, 1.16884), (10.0, 0.92923), (50.0, 0.99592))
 """sigma / (pi a^2) at ka; docs/physics.md, eq. 6."""
@@ -83,48 +83,24 @@ def _checks(
     radar: Radar, valid: dict[float, float], facet_error: np.ndarray, patterns: list[Pattern], read: Read
 ) -> list[Check]:
     return [
-        Check(
-            what="Mie series against tabled values, ka 1.028 to 50, worst",
-            measured=max(abs(exact.mie(ka) / value - 1) for ka, value in MIE_TRUTH),
-            limit=1e-5,
-            unit="",
+        at_most(
+            "Mie series against tabled values, ka 1.028 to 50, worst",
+            max(abs(exact.mie(ka) / value - 1) for ka, value in MIE_TRUTH),
+            1e-5,
         ),
-        Check(what="physical optics within 1 dB of Mie from ka", measured=valid[1.0], limit=10, unit=""),
-        Check(what="physical optics within 0.3 dB of Mie from ka", measured=valid[LIMIT_DB], limit=BODY_KA[0], unit=""),
-        Check(
-            what=f"spheres of facets against exact physical optics, ka >= {LARGE_KA:g}, {ORIENTATIONS} sides, worst",
-            measured=float(np.abs(facet_error[FACET_KA >= LARGE_KA]).max()),
-            limit=LIMIT_DB,
-            unit="dB",
+        at_most("physical optics within 1 dB of Mie from ka", valid[1.0], 10),
+        at_most("physical optics within 0.3 dB of Mie from ka", valid[LIMIT_DB], BODY_KA[0]),
+        at_most(
+            f"spheres of facets against exact physical optics, ka >= {LARGE_KA:g}, {ORIENTATIONS} sides, worst",
+            float(np.abs(facet_error[FACET_KA >= LARGE_KA]).max()),
+            LIMIT_DB,
+            "dB",
         ),
-        Check(
-            what="spheres read from the ADC cube against Mie, ka 30 to 900",
-            measured=worst_db(read.spheres),
-            limit=LIMIT_DB,
-            unit="dB",
-        ),
-        Check(
-            what="cylinder read from the ADC cube, broadside at 3, 10, 30 m",
-            measured=worst_db(read.cylinders),
-            limit=LIMIT_DB,
-            unit="dB",
-        ),
-        *(
-            Check(what=f"{p.name}, {p.span} to -{p.shown_db:g} dB", measured=p.worst_db, limit=LIMIT_DB, unit="dB")
-            for p in patterns
-        ),
-        Check(
-            what="spheroid 8 x 22 cm end on, far away, against its exact sum",
-            measured=spheroid_tip(radar),
-            limit=LIMIT_DB,
-            unit="dB",
-        ),
-        Check(
-            what="corners of two and of three metal walls of a room, image theory",
-            measured=worst_db(read.room),
-            limit=0.01,
-            unit="dB",
-        ),
+        at_most("spheres read from the ADC cube against Mie, ka 30 to 900", worst_db(read.spheres), LIMIT_DB, "dB"),
+        at_most("cylinder read from the ADC cube, broadside at 3, 10, 30 m", worst_db(read.cylinders), LIMIT_DB, "dB"),
+        *(at_most(f"{p.name}, {p.span} to -{p.shown_db:g} dB", p.worst_db, LIMIT_DB, "dB") for p in patterns),
+        at_most("spheroid 8 x 22 cm end on, far away, against its exact sum", spheroid_tip(radar), LIMIT_DB, "dB"),
+        at_most("corners of two and of three metal walls of a room, image theory", worst_db(read.room), 0.01, "dB"),
     ]
 
 

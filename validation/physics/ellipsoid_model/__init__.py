@@ -20,7 +20,7 @@ from validation.physics.ellipsoid_model.standing import Standing, standing_body
 from validation.physics.turntable import (
     Body,
 )
-from validation.report import Check, Section
+from validation.report import Check, Section, at_least, at_most
 
 BODY_LIMIT_DB, SEGMENT_LIMIT_DB = 3.0, 3.0
 TORSO_LIMIT_MPS, ENVELOPE_LIMIT = 0.15, 0.7
@@ -54,44 +54,33 @@ def run() -> Section:
 def _checks(spheroids: list[Spheroid], standing: Standing, activities: list[Activity]) -> list[Check]:
     differences = [row["difference dB"] for row in standing.rows[:-2]]
     return [
-        Check(
-            what="ellipsoid against converged facets, spheroids at 1, 3, 10 m, 0 to 180 degrees, amplitude",
-            measured=max(float(np.abs(s.level_db).max()) for s in spheroids),
-            limit=LIMIT_DB,
-            unit="dB",
+        at_most(
+            "ellipsoid against converged facets, spheroids at 1, 3, 10 m, 0 to 180 degrees, amplitude",
+            max(float(np.abs(s.level_db).max()) for s in spheroids),
+            LIMIT_DB,
+            "dB",
         ),
-        Check(
-            what="the same, phase",
-            measured=max(float(np.abs(s.phase_deg).max()) for s in spheroids),
-            limit=LIMIT_DEG,
-            unit="degrees",
+        at_most("the same, phase", max(float(np.abs(s.phase_deg).max()) for s in spheroids), LIMIT_DEG, "degrees"),
+        at_most(
+            "mean RCS of the standing body, ellipsoids against mesh, without occlusion",
+            abs(float(standing.rows[-2]["difference dB"])),
+            BODY_LIMIT_DB,
+            "dB",
         ),
-        Check(
-            what="mean RCS of the standing body, ellipsoids against mesh, without occlusion",
-            measured=abs(float(standing.rows[-2]["difference dB"])),
-            limit=BODY_LIMIT_DB,
-            unit="dB",
+        at_most(
+            "mean RCS of a segment, ellipsoid against its part of the mesh, median over 17",
+            float(np.median(np.abs(np.array(differences, float)))),
+            SEGMENT_LIMIT_DB,
+            "dB",
         ),
-        Check(
-            what="mean RCS of a segment, ellipsoid against its part of the mesh, median over 17",
-            measured=float(np.median(np.abs(np.array(differences, float)))),
-            limit=SEGMENT_LIMIT_DB,
-            unit="dB",
-        ),
-        Check(
-            what="torso speed of four activities, median over time, difference, worst",
-            measured=max(a.torso_mps for a in activities),
-            limit=TORSO_LIMIT_MPS,
-            unit="m/s",
+        at_most(
+            "torso speed of four activities, median over time, difference, worst",
+            max(a.torso_mps for a in activities),
+            TORSO_LIMIT_MPS,
+            "m/s",
         ),
         *(
-            Check(
-                what=f"envelope of the {a.name}, correlation",
-                measured=a.envelope_correlation,
-                limit=ENVELOPE_LIMIT,
-                unit="",
-                at_least=True,
-            )
+            at_least(f"envelope of the {a.name}, correlation", a.envelope_correlation, ENVELOPE_LIMIT)
             for a in activities
         ),
     ]

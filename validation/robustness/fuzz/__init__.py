@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from validation.report import Check, Section
+from validation.report import Section, at_most
 
 PROBLEMS = {
     "tracebacks": ("traceback", "generator"),
@@ -41,7 +41,7 @@ def section(outcomes: Sequence[Mapping[str, Any]]) -> Section:
     """The figures of all outcomes."""
     ends = [outcome["problem"] for outcome in outcomes]
     checks = [
-        Check(what=f"inputs of {len(ends)}: {what}", measured=sum(end in names for end in ends), limit=0, unit="")
+        at_most(f"inputs of {len(ends)}: {what}", sum(end in names for end in ends), 0)
         for what, names in PROBLEMS.items()
     ]
     kinds = list(dict.fromkeys(outcome["name"].partition(":")[0] for outcome in outcomes))
