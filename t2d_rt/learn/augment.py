@@ -1,6 +1,7 @@
-"""Augmentations of spectrograms on the fly: background, masks, shifts, Doppler jitter, gain, what comes before or after.
+"""Augmentation of spectrograms during training: background, masks, shifts, Doppler jitter, gain, and neighbouring activities.
 
-They change maps as another record of the same activity would differ: by its beginning, its view, its level and its surroundings.
+Maps are changed in the ways in which another record of the same activity would differ: in its beginning, view, level and
+surroundings.
 """
 
 from __future__ import annotations
@@ -17,40 +18,40 @@ from t2d_rt.noise.masks import OcclusionMask, covered
 from t2d_rt.types.fields import Count, Fields, Number
 
 BANK = 16
-"""Backgrounds that are drawn once and then taken in turn, each shifted in time."""
+"""Number of backgrounds that are sampled once and then used in turn, each with a random shift in time."""
 VARIANTS = 6
-"""Changes of each sample for windows that slide."""
+"""Number of variants of each sample in augmentation for sliding windows."""
 
 
 class Augment(Fields):
-    """Which changes, and how large they are; each sample of each epoch has draws of its own."""
+    """Kinds and amounts of augmentation. Each sample has random draws of its own in each epoch."""
 
     noun: ClassVar[str] = "augmentation"
     model_config = ConfigDict(use_attribute_docstrings=True)
 
     background_db: Annotated[Number, Field(ge=-100, le=0)] | None = None
     """Greatest level of the noise floor of a learned background, relative to the map's greatest cell [dB]; it is drawn from 20 dB
-    below that on. None adds none."""
+    below that on. None adds no background."""
     masks: OcclusionMask | None = None
     """Time windows in which the map shows the background, or nothing where there is none."""
     shift: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
-    """Greatest shift in time, as a fraction of the duration; what comes in mirrors what is beside it."""
+    """Greatest shift in time, as a fraction of the duration; the gap is filled by a mirror image."""
     doppler: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
-    """Greatest relative change of all speeds."""
+    """Greatest relative change of all speeds, as a fraction."""
     follow: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
-    """Greatest part of the duration, at its beginning or its end, in which another sample of the training is seen in place of this
-    one, as in a window over a change of activities; the class is that of the window's middle."""
+    """Greatest fraction of the duration, at the beginning or the end, that another training sample replaces, as in a window over a
+    change of activities; the class is that of the window's middle."""
     gain_db: Annotated[Number, Field(ge=0, le=40)] = 0.0
     """Greatest decrease of the map's levels [dB], as by a stronger echo elsewhere."""
     mirror: Annotated[Number, Field(ge=0, le=1)] = 0.0
-    """How often approaching and receding are exchanged, as by a person who turned round."""
+    """Probability with which approaching and receding are exchanged, as if the person had turned round."""
     variants: Annotated[Count, Field(ge=1, le=10_000)] | None = None
-    """How many different changes of each sample there are, one in an epoch, in turn with the sample as it is; None draws new ones
-    in each epoch. Models whose features take long to find learn from few of them."""
+    """Number of different variants of each sample; one is used in an epoch, in turn with the unchanged sample. None draws new ones
+    in each epoch. A small number suits models whose features take long to compute."""
 
     @classmethod
     def usual(cls) -> Augment:
-        """All but `follow`, of moderate size."""
+        """All augmentations except `follow`, of moderate size."""
         return cls(background_db=-20.0, masks=OcclusionMask(windows=0.5), shift=0.1, doppler=0.1, gain_db=6.0)
 
     @classmethod
@@ -64,7 +65,7 @@ class Augment(Fields):
         return self.model_copy(update={"variants": None}) != Augment()
 
     def variant(self, epoch: int) -> int | None:
-        """Number of the changes of an epoch; None where samples are as they are."""
+        """Index of the variant for an epoch; None where samples are unchanged."""
         if self.variants is None:
             return epoch
         number = epoch % (self.variants + 1)
@@ -72,11 +73,11 @@ class Augment(Fields):
 
 
 FOLLOW_DB = 10.0
-"""Greatest difference of level between activities that follow one another, as of ranges that differ by a factor of 1.8."""
+"""Greatest difference of level between activities that follow one another [dB], as for ranges that differ by a factor of 1.8."""
 
 
 class Augmenter:
-    """Augments maps of one size, for a sample's own seed."""
+    """Augments maps of one size, with random draws that depend on a seed and on the sample."""
 
     def __init__(
         self, augment: Augment, size: tuple[int, int], duration_s: float, floor_db: float, *, seed: int
@@ -86,11 +87,13 @@ class Augmenter:
         if augment.background_db is not None:
             model = load_background()
             backgrounds = [model.sample(duration_s, seed=seed * BANK + number).power for number in range(BANK)]
-            # The model's bins are stretched over the map's: it stands for clutter and noise, not for another radar's.
+            # The background model's bins are stretched to those of the map: it stands for clutter and noise in general, not for
+            # another radar.
             self._bank = np.stack([resized(power.astype(np.float64), size) for power in backgrounds])
 
     def __call__(self, levels: np.ndarray, rng: np.random.Generator, others: np.ndarray) -> np.ndarray:
-        """Levels (speed, time) [dB, 0 at the greatest cell], changed; others (N, speed, time) may come before or after."""
+        """Augmented levels of a map (speed, time) [dB, 0 at the greatest cell]; `others` (N, speed, time) are samples that may
+        precede or follow it."""
         augment = self.augment
         if augment.follow > 0:
             levels = _followed(
@@ -114,7 +117,7 @@ class Augmenter:
         return np.clip(levels, self._floor_db, 0.0).astype(np.float32)
 
     def of_epoch(self, epoch: int, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """The samples at these places of levels (N, speed, time) as that epoch sees them, each by draws of its own."""
+        """The samples at these positions of levels (N, speed, time) as they are used in an epoch, with random draws for each."""
         variant = self.augment.variant(epoch)
         if variant is None:
             return levels[places]
@@ -124,7 +127,7 @@ class Augmenter:
     def _masked(
         self, levels: np.ndarray, background: np.ndarray | None, masks: OcclusionMask, rng: np.random.Generator
     ) -> np.ndarray:
-        """Levels whose columns in random windows show the background, or the least level where there is none."""
+        """Levels in which columns in random windows show the background, or the least level if there is none."""
         count = levels.shape[1]
         middles = (np.arange(count) + 0.5) * self._duration_s / count
         windows = masks.draw(self._duration_s, seed=int(rng.integers(2**31)))
@@ -133,7 +136,7 @@ class Augmenter:
 
 
 def _shifted(levels: np.ndarray, columns: int) -> np.ndarray:
-    """Moved by so many columns; the end that comes in is mirrored."""
+    """Levels moved by so many columns; the gap at the end is filled by a mirror image."""
     if columns == 0:
         return levels
     padded = np.pad(levels, ((0, 0), (max(columns, 0), max(-columns, 0))), mode="symmetric")
@@ -142,7 +145,7 @@ def _shifted(levels: np.ndarray, columns: int) -> np.ndarray:
 
 
 def _followed(levels: np.ndarray, neighbour: np.ndarray, part: float, rng: np.random.Generator) -> np.ndarray:
-    """The map as a window sees it that is moved by a part of its length, to where another activity is seen, too."""
+    """The map in a window that is moved by a fraction of its length, so that a neighbouring activity is in view."""
     shift = round(part * levels.shape[1])
     if shift == 0:
         return levels
@@ -153,7 +156,7 @@ def _followed(levels: np.ndarray, neighbour: np.ndarray, part: float, rng: np.ra
 
 
 def _stretched(levels: np.ndarray, factor: float) -> np.ndarray:
-    """All speeds multiplied by a factor; what comes in from beyond the axis is its end."""
+    """Levels with all speeds multiplied by a factor; beyond the axis its last rows are repeated."""
     count = len(levels)
     source_rows = np.clip((np.arange(count) - 0.5 * (count - 1)) / factor + 0.5 * (count - 1), 0, count - 1)
     return between(levels, source_rows, 0)

@@ -1,4 +1,4 @@
-"""A line of the benchmark's table: how well a model tells the samples that the recipe of a data set keeps for the test."""
+"""A line of the benchmark's table: how well a model classifies the samples that a data set's recipe reserves for the test."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ from t2d_rt.learn.scores import Interval, interval_of
 
 
 class Model(Protocol):
-    """Any classifier of scikit-learn, or a class of one's own."""
+    """Interface of a classifier: any of scikit-learn, or a class of one's own."""
 
     def fit(self, levels: np.ndarray, labels: np.ndarray, /) -> Any:
-        """Learns from maps in rows, (N, speed * time) [dB below the greatest cell of each], and numbers of classes, (N,)."""
+        """Learns from maps as rows, (N, speed * time) [dB below the greatest cell of each], and indices of classes, (N,)."""
 
     def predict(self, levels: np.ndarray, /) -> np.ndarray:
-        """Numbers of the classes of maps in rows, (M,)."""
+        """Indices of the classes of maps as rows, (M,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Line:
-    """What a model reaches on the test of a data set."""
+    """Result of a model on the test side of a data set."""
 
     name: str
     samples: Mapping[str, int]
-    """How many samples each side has."""
+    """Number of samples on each side."""
     accuracy: Interval
     macro_f1: Interval
     by_condition: Mapping[str, tuple[float, int]]
-    """Accuracy and samples of each condition of the test."""
+    """Accuracy and number of samples for each condition of the test."""
 
     def __str__(self) -> str:
         sides = " / ".join(str(sample) for sample in self.samples.values())
@@ -44,7 +44,7 @@ class Line:
 
 
 def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
-    """The line of a model that tells these classes (M,) of the test's samples, in their order."""
+    """The line for a model that predicted the classes `told` (M,) for the test samples, in their order."""
     test = sides_of_recipe(dataset)["test"]
     labels, records = dataset.labels[test], [dataset.records[place] for place in test]
     told = np.asarray(told)
@@ -86,12 +86,12 @@ def benchmark(folder: str | Path, model: Model, *, name: str | None = None, size
 
 
 def in_rows(maps: LabelledMaps) -> np.ndarray:
-    """Maps as rows, (N, speed * time); reshape(-1, *maps.size) gives them back."""
+    """Maps as rows, (N, speed * time); reshape(-1, *maps.size) restores them."""
     return maps.levels.reshape(len(maps), -1)
 
 
 def sides_of_recipe(dataset: Dataset) -> dict[str, np.ndarray]:
-    """Positions of the samples of each side; refused where the recipe has none, or samples of a side are lacking."""
+    """Positions of the samples on each side; refuses a recipe without sides, and a side with missing samples."""
     sides = dataset.sides
     if not sides:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The epochs of a training: their batches and steps, what is told of each, and the state from which a stopped one goes on."""
+"""The training loop: batches and steps of each epoch, its log, and the state from which a stopped training continues."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ def batches(
     augmenter: Augmenter | None = None,
     epoch: int = 0,
 ) -> Iterator[tuple[Tensor, Tensor]]:
-    """Maps and labels in that order; a last batch of a single sample, of which no variance can be taken, joins the one before."""
+    """Batches of maps and labels in the given order. A last batch of a single sample, which has no variance, is merged with the one
+    before."""
     cuts = list(range(batch, len(order), batch))
     if cuts and len(order) - cuts[-1] == 1:
         cuts.pop()
@@ -48,10 +49,10 @@ def fitted(
     keep_at: Path | None,
     progress: Progress | None,
 ) -> tuple[list[dict[str, float]], float | None]:
-    """Trains a network in place, to the weights of the epoch whose validation had the least loss.
+    """Trains a network in place, and leaves it with the weights of the epoch with the least validation loss.
 
-    keep_at: file of the state, which is kept after each epoch.
-    Returns what the epochs were like, and how long one took [s], None where all were done before.
+    keep_at: file of the state, which is written after each epoch. Returns the log of the epochs, and the mean duration of one [s],
+    None where all were done before.
     """
     state = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
     training = Training(network, maps, options, dynamic_range_db)
@@ -62,7 +63,7 @@ def fitted(
             training.go_on(state)
         except InputError:
             raise
-        except Exception as error:  # PyTorch raises what it likes of a state that another has written
+        except Exception as error:  # PyTorch may raise anything for a state that another program has written
             raise not_a_state(keep_at, error) from None
     while len(training.history) < options.epochs and not training.stopped:
         training.epoch()
@@ -80,7 +81,7 @@ def fitted(
 
 
 class Training:
-    """A network that learns one epoch after the other, on the options' device."""
+    """A network in training, epoch by epoch, on the device of the options."""
 
     def __init__(
         self,
@@ -93,7 +94,7 @@ class Training:
         self._train, self._val = maps
         self._half = options.precision == "bfloat16"
         self._device = "cpu" if options.device == "cpu" else "cuda" if torch.cuda.is_available() else "mps"
-        # In bfloat16 convolutions are slower where channels come first.
+        # in bfloat16, convolutions are slower with channels first
         network.to(self._device, memory_format=torch.channels_last if self._half else torch.preserve_format)
         self._optimizer = torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=options.decay)
         self._plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
@@ -109,7 +110,7 @@ class Training:
 
     @property
     def state(self) -> dict[str, Any]:
-        """What a stopped training goes on from: plain numbers and tensors, which weights_only reads."""
+        """The state from which a stopped training can continue: plain numbers and tensors, which weights_only accepts."""
         return {
             "history": self.history,
             "best": self.best,
@@ -119,7 +120,7 @@ class Training:
         }
 
     def go_on(self, state: dict[str, Any]) -> None:
-        """Goes on where a training with this state was stopped."""
+        """Continues from the state of a training that was stopped."""
         self.history, self.best = list(state["history"]), dict(state["best"])
         self._network.load_state_dict(state["network"])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -129,15 +130,16 @@ class Training:
 
     @property
     def stopped(self) -> bool:
-        """Whether the loss on a plateau has not fallen for as many epochs as the patience is."""
+        """Whether the loss has not fallen for `patience` epochs, with the schedule "plateau"."""
         losses = [row["val_loss"] for row in self.history]
         plateau = self._options.schedule == "plateau"
         return plateau and bool(losses) and len(losses) - 1 - losses.index(min(losses)) >= self._options.patience
 
     def epoch(self) -> None:
-        """Steps through all batches, tells how it went, keeps the weights if they are the best, lets the rate fall."""
+        """Trains on all batches once, validates, logs the result, keeps the weights if they are the best so far, and updates the
+        learning rate."""
         options, epoch, (group,) = self._options, len(self.history), self._optimizer.param_groups
-        torch.manual_seed(options.seed * 100_003 + epoch)  # whatever a network draws follows from the epoch
+        torch.manual_seed(options.seed * 100_003 + epoch)  # random draws within the network depend on the epoch only
         if options.schedule == "cosine":
             group["lr"] = options.rate_of(epoch)
         order = np.random.default_rng([options.seed, epoch, 0]).permutation(len(self._train))
@@ -167,7 +169,7 @@ class Training:
     def _through(
         self, parts: Iterator[tuple[Tensor, Tensor]], smoothing: float = 0.0, *, step: bool = False
     ) -> dict[str, float]:
-        """Mean loss, accuracy and macro-F1 of batches, after each of which weights take a step where that is asked."""
+        """Mean loss, accuracy and macro-F1 over batches; with `step` the weights are updated after each batch."""
         losses, outcomes = [], []
         for maps, labels in parts:
             maps, labels = maps.to(self._device), labels.to(self._device)

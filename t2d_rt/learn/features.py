@@ -1,13 +1,14 @@
-"""Features of spectrograms, as radar work on human activities has them since Kim and Ling (2009).
+"""Features of spectrograms, of the kind used in radar work on human activities since Kim and Ling (2009).
 
-- `features`: speeds of the torso, total bandwidth, its asymmetry, what the limbs add, how all of them are modulated in time, and
-- `activity_features`: when the movement happens, for how long and what follows, from a spectrogram that is smoothed. Means over
-  3 x 3 cells take the speckle from the noise, so that limbs show that single cells of noise exceed; the lines are those speeds
-  below which parts of the power lie, which one cell more or less does not move.
-- `band_features`: how strong each band of speed is for how much of the time, how it comes and goes, how far the body gets. They do
-  not tell when in a map it happens, so that windows that slide over a recording change them little.
+- `features`: speeds of the torso, total bandwidth, its asymmetry, contribution of the limbs, and the modulation of all these in
+  time.
+- `activity_features`: when the movement happens, for how long and what follows, from a smoothed spectrogram. Means over 3 x 3 cells
+  reduce the speckle of the noise, so that limbs become visible that are weaker than single cells of noise. Lines are the speeds
+  below which certain fractions of the power lie; a single cell more or less hardly moves them.
+- `band_features`: for how much of the time each band of speed has which level, how it fluctuates, and how far the body moves. They
+  do not depend on when in a map this happens, so they change little for windows that slide over a recording.
 
-None tells approaching from receding.
+No feature distinguishes approaching from receding.
 """
 
 from __future__ import annotations
@@ -22,19 +23,20 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.signal.envelope import NOTCH_MPS, RANGE_DB, envelope
 
 SPEEDS_MPS = (NOTCH_MPS, 0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 10.0)
-"""Edges of the bands in which a Doppler profile is told."""
+"""Edges of the speed bands of the Doppler profile [m/s]."""
 MODULATION_HZ = (0.0, 0.4, 0.9, 1.5, 2.4, 4.0, 8.0)
-"""Edges of the bands of modulation: a fall or a bend; slow swings; strides; steps of walking; of running; what jerks."""
+"""Edges of the bands of modulation [Hz]: a fall or a bend; slow swings; strides; steps of walking; of running; jerks."""
 PERIODS_S = (0.25, 1.4)
-"""Least and greatest period of steps that is looked for."""
+"""Least and greatest period of steps that is searched [s]."""
 SLOW_S = 1.2
-"""What changes over a longer time is no step."""
+"""Changes over a longer time than this are not steps [s]."""
 SHORTEST_S, WIDEST_S = 1.2, 0.7
-"""Shortest map and widest cell of time: a shorter map does not hold a period of the slowest steps, wider cells hide them."""
+"""Shortest map and widest time cell [s]: a shorter map does not contain a period of the slowest steps, and wider cells hide
+them."""
 
 
 def check_steps(noun: str, columns: int, duration_s: float) -> None:
-    """Refuses maps whose features cannot tell steps; noun: what takes features, in the plural."""
+    """Refuses maps from whose features steps cannot be recognised; `noun` is what uses the features, in the plural."""
     cell_s = duration_s / columns
     if duration_s < SHORTEST_S or cell_s > WIDEST_S:
         raise InputError(
@@ -44,7 +46,7 @@ def check_steps(noun: str, columns: int, duration_s: float) -> None:
 
 
 def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:
-    """Features of a spectrogram (speed, time) [dB, 0 at the greatest cell] by name."""
+    """Features by name, for a spectrogram (speed, time) [dB, 0 at the greatest cell]."""
     levels, velocity = levels_db.astype(np.float64), velocity_mps
     envelope_lines = envelope(levels, velocity)
     fast = np.abs(velocity)[:, None] >= NOTCH_MPS
@@ -70,12 +72,12 @@ def features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float)
 
 
 def _log(value: float, least: float = 0.1) -> float:
-    """The logarithm of a figure and a least one: figures span decades, and classifiers compare them by their differences."""
+    """Logarithm of a figure, of at least `least`: figures span decades, and classifiers compare their differences."""
     return float(np.log(max(value, 0.0) + least))
 
 
 def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) -> dict[str, float]:
-    """Percentiles of the envelope's lines, and how they compare."""
+    """Percentiles of the lines of the envelope, and their ratios."""
     bandwidth, torso = lines["bandwidth"], np.abs(lines["torso"])
     spans = {
         "outer": (np.maximum(upper, lower), (25, 50, 75, 95, 100)),
@@ -109,18 +111,18 @@ def _speeds(upper: np.ndarray, lower: np.ndarray, lines: dict[str, np.ndarray]) 
 
 
 def _profile(above: np.ndarray, power: np.ndarray, velocity: np.ndarray) -> dict[str, float]:
-    """Occupied cells and power by speed."""
+    """Fraction of occupied cells, and power, in bands of speed."""
     profile = {}
     for low, high in pairwise(SPEEDS_MPS):
         rows = (np.abs(velocity) >= low) & (np.abs(velocity) < high)
-        occupied = above[rows].mean() if rows.any() else 0.0  # the map may end before these speeds
+        occupied = above[rows].mean() if rows.any() else 0.0  # the axis of the map may end below these speeds
         profile[f"cells from {low} m/s"] = _log(occupied, 0.01)
         profile[f"power from {low} m/s"] = _log(power[rows].sum() / max(power.sum(), 1e-12), 1e-4)
     return profile
 
 
 def _modulation(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
-    """Energy of each line in bands of modulation."""
+    """Energy of each line in bands of modulation frequency."""
     energies = {}
     for name in ("mean", "spread", "bandwidth", "asymmetry"):
         line = lines[name]
@@ -132,7 +134,7 @@ def _modulation(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]
 
 
 def _periodicity(above_db: np.ndarray, step_s: float) -> dict[str, float]:
-    """The highest peak of the autocorrelation in time of all rows together, and where it is."""
+    """Height and lag of the greatest peak of the autocorrelation in time of all rows together."""
     width = round(SLOW_S / step_s)
     rows = above_db - np.stack([np.convolve(row, np.ones(width) / width, "same") for row in above_db])
     count = rows.shape[1]
@@ -145,42 +147,42 @@ def _periodicity(above_db: np.ndarray, step_s: float) -> dict[str, float]:
 
 
 LINES_SMOOTHED = 3
-"""Cells over which power is averaged, each way."""
+"""Number of cells over which power is averaged, in both directions."""
 LINES_FAR = 0.6
-"""Speeds beyond this part of the greatest one hold noise alone in most maps."""
+"""Fraction of the greatest speed beyond which most maps contain only noise."""
 LINES_MARGIN_DB = 1.0
-"""Distance of the threshold from the level that one in a hundred cells of noise exceeds."""
+"""Distance of the threshold above the level that one in a hundred cells of noise exceeds [dB]."""
 PARTS = 0.03, 0.5, 0.97
-"""Parts of the power above the threshold that lie below the lower line, the middle and the upper line."""
+"""Fractions of the power above the threshold that lie below the lower line, the middle and the upper line."""
 LINES_LEVELS = 10, 30, 50, 70, 90, 98
-"""Percentiles at which lines are told."""
+"""Percentiles over time of the lines that become features."""
 BEYOND = 1.5, 2.2, 3.2
-"""Multiples of the middle's speed beyond which the limbs' power is told."""
+"""Multiples of the middle line's speed beyond which power counts as that of limbs."""
 CADENCE_HZ = 0.6, 5.0
-"""Least and greatest rate of steps."""
+"""Least and greatest step rate [Hz]."""
 DRIFT_S = 1.3
-"""What changes over a longer time is no step."""
+"""Changes over a longer time than this are drift [s]."""
 PEAK_S = 0.5
-"""What lies so far from the fastest instant is before or after it."""
+"""Time from the fastest instant from which something counts as before or after it [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Lines of a smoothed spectrogram over time, (T,); 0 where nothing is above the threshold."""
+    """Lines of a smoothed spectrogram over time, (T,) each; 0 where nothing is above the threshold."""
 
     lower: np.ndarray
     middle: np.ndarray
     upper: np.ndarray
     mean: np.ndarray
-    """Speeds [m/s]."""
+    """Power-weighted mean speed [m/s], as the lines before, (T,)."""
     level: np.ndarray
-    """Power above the floor, relative to it [dB]."""
+    """Power above the noise floor, relative to it [dB], (T,)."""
     power: np.ndarray
-    """Power of the cells above the threshold less that of the floor, 0 elsewhere, (speed, T)."""
+    """Power above the noise floor in cells above the threshold, 0 elsewhere, (speed, T)."""
     occupied: float
-    """Fraction of the cells above the threshold."""
+    """Fraction of the cells that are above the threshold."""
     contrast_db: float
-    """Level of the strong cells (99.5 %) above the floor [dB]."""
+    """Level of the strong cells (99.5 % quantile) relative to the noise floor [dB]."""
 
     @classmethod
     def of(cls, levels_db: np.ndarray, velocity_mps: np.ndarray) -> Lines:
@@ -209,7 +211,7 @@ class Lines:
 
 
 def activity_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:
-    """Features of a spectrogram (speed, time) [dB, 0 at the greatest cell] by name."""
+    """Features by name, for a spectrogram (speed, time) [dB, 0 at the greatest cell]."""
     lines = Lines.of(levels_db, velocity_mps)
     step_s = duration_s / levels_db.shape[1]
     level = _smooth(lines.level, 5)
@@ -225,14 +227,14 @@ def activity_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_
 
 
 def _smooth(line: np.ndarray, width: int) -> np.ndarray:
-    """Means over so many columns."""
+    """Moving average over `width` columns."""
     from scipy.ndimage import uniform_filter1d
 
     return np.asarray(uniform_filter1d(line, max(1, width)))
 
 
 def _placed(weight: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Weights over time of sum 1, where their centre is, and how far they spread about it, in parts of the record."""
+    """Weights over time normalised to a sum of 1, their centre, and their spread about it, as fractions of the record."""
     fraction = weight / (weight.sum() + 1e-9)
     time_fraction = np.arange(len(weight)) / len(weight)
     centre = float((fraction * time_fraction).sum())
@@ -240,7 +242,7 @@ def _placed(weight: np.ndarray) -> tuple[np.ndarray, float, float]:
 
 
 def _bursts(level: np.ndarray, step_s: float) -> dict[str, float]:
-    """Times of high power: where they lie, how many and how long."""
+    """Times of high power: their position, number and duration."""
     _, centre, spread = _placed(level)
     high = level > 0.5 * np.percentile(level, 98)
     change = np.diff(np.r_[0, high.astype(int), 0])
@@ -256,7 +258,7 @@ def _bursts(level: np.ndarray, step_s: float) -> dict[str, float]:
 
 
 def _peak(lines: Lines, step_s: float) -> dict[str, float]:
-    """The fastest instant: whether anything moves before and after it. A fall ends in rest, steps go on."""
+    """Movement before and after the fastest instant: a fall ends in rest, while steps go on."""
     square = _smooth((lines.upper - lines.lower) ** 2 + 4 * lines.middle**2, 7)
     fraction, centre, spread = _placed(square)
     fastest, away = int(np.argmax(fraction)), max(1, int(PEAK_S / step_s))
@@ -272,7 +274,7 @@ def _peak(lines: Lines, step_s: float) -> dict[str, float]:
 
 
 def _changes(lines: Lines, step_s: float) -> dict[str, float]:
-    """How often the body turns back, and how fast it and its limbs change speed."""
+    """How often the body reverses its direction, and how fast the speeds of body and limbs change."""
     mean, width = _smooth(lines.mean, 5), lines.upper - lines.lower
     sides = np.sign(mean[np.abs(mean) > 0.15])
     of_mean = np.abs(np.gradient(mean, step_s))
@@ -287,7 +289,7 @@ def _changes(lines: Lines, step_s: float) -> dict[str, float]:
 
 
 def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
-    """Percentiles of the lines, and the power of what is faster than the body."""
+    """Percentiles of the lines, and the power at speeds beyond that of the body."""
     body = np.percentile(np.abs(lines.middle), 90) + 0.2
     total = max(float(lines.power.sum()), 1e-12)
     line_features = {
@@ -306,7 +308,8 @@ def _line_speeds(lines: Lines, speed: np.ndarray) -> dict[str, float]:
 
 
 def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
-    """For each line less its drift: mean rate of what is periodic, strongest rate and its fraction, standard deviation."""
+    """For each line without its drift: mean rate of the periodic part, strongest rate, its fraction of the energy, and standard
+    deviation."""
     cadence: dict[str, float] = {}
     for name, line in lines.items():
         count = len(line)
@@ -326,30 +329,30 @@ def _cadence(lines: dict[str, np.ndarray], step_s: float) -> dict[str, float]:
 
 
 BANDS_SMOOTHED = 3
-"""Columns over which power is averaged."""
+"""Number of columns over which power is averaged."""
 BANDS_FAR = 0.7
-"""Speeds beyond this part of the greatest one hold noise alone in most maps."""
+"""Fraction of the greatest speed beyond which most maps contain only noise."""
 BANDS_MARGIN_DB, BANDS_RANGE_DB = 2.0, 40.0
-"""Levels count from so far above the median of the noise, over so many decibels."""
+"""Level above the median of the noise from which levels count, and the span over which they count [dB]."""
 EDGES_MPS = (0.08, 0.24, 0.4, 0.55, 0.7, 0.85, 1.0, 1.2, 1.4, 1.65, 1.9, 2.2, 2.6, 3.0, 3.5, 4.2, 5.0, 6.2)
-"""Edges of the bands whose levels are told; a man walks with a torso of 1 to 1.5 m/s and feet of three times that."""
+"""Edges of the bands whose levels become features [m/s]; a walking man's torso has 1 to 1.5 m/s and his feet three times that."""
 WIDE_MPS = (0.3, 0.6, 1.0, 1.5, 2.2, 3.2, 4.5, 6.5)
-"""Edges of the bands whose modulation is told."""
+"""Edges of the bands whose modulation becomes features [m/s]."""
 RATES_HZ = (0.1, 0.3, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0, 2.5, 3.2, 4.2, 6.0, 9.0)
-"""Edges of bands of modulation, from a single movement to jerks."""
+"""Edges of the bands of modulation frequency [Hz], from a single movement to jerks."""
 BANDS_LEVELS = 15, 40, 65, 85, 97
-"""Percentiles over time."""
+"""Percentiles over time of the bands' levels."""
 LAGS_S = 0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4
-"""Times after which a band is compared with itself [s]."""
+"""Time lags at which a band is correlated with itself [s]."""
 SLOW_BANDS = 6
-"""Bands of the torso; the others are of limbs."""
+"""Number of bands that count as torso; the others count as limbs."""
 ACTIVE_DB = 6.0
 BODY_DB = 15.0
-"""Sum of the cells of a column, above which its mean speed is that of a body."""
+"""Sum of the levels of a column [dB] above which its mean speed counts as that of a body."""
 
 
 def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: float) -> dict[str, float]:
-    """Features of a spectrogram (speed, time) [dB] by name."""
+    """Features by name, for a spectrogram (speed, time) [dB]."""
     above = _above_noise(levels_db, velocity_mps)
     step_s = duration_s / above.shape[1]
     half = len(velocity_mps) // 2
@@ -370,7 +373,7 @@ def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: f
 
 
 def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
-    """Levels above that of the noise [dB], 0 and more."""
+    """Levels relative to the noise level [dB], at least 0."""
     from scipy.ndimage import uniform_filter1d
 
     power = uniform_filter1d(10.0 ** (levels_db.astype(np.float64) / 10.0), BANDS_SMOOTHED, axis=1, mode="nearest")
@@ -381,7 +384,7 @@ def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
 
 
 def _cuts(axis: np.ndarray, edges: tuple[float, ...]) -> list[slice]:
-    """Places of each band on an ascending axis; a band that has no cell of its own takes the nearest one."""
+    """Slice of an ascending axis for each band; a band without a cell of its own gets the nearest one."""
     places = np.minimum(np.searchsorted(axis, edges), len(axis) - 1)
     return [slice(int(low), int(max(high, low + 1))) for low, high in pairwise(places)]
 
@@ -392,7 +395,7 @@ def _bands(side: np.ndarray, speed: np.ndarray, edges: tuple[float, ...]) -> np.
 
 
 def _numbered(name: str, values: np.ndarray) -> dict[str, float]:
-    """Features by a name and a number."""
+    """Features whose names are a common name and a number."""
     return {f"{name} {number}": float(value) for number, value in enumerate(np.ravel(values))}
 
 
@@ -402,7 +405,7 @@ def _levels(name: str, bands: np.ndarray) -> dict[str, float]:
 
 
 def _likeness(bands: np.ndarray, step_s: float) -> dict[str, float]:
-    """Correlation of torso and limbs with themselves a while later."""
+    """Autocorrelation of torso and limbs at some time lags."""
     correlations = {}
     change = bands - bands.mean(axis=1, keepdims=True)
     for name, rows in (("torso", change[:SLOW_BANDS]), ("limbs", change[SLOW_BANDS:])):
@@ -416,7 +419,7 @@ def _likeness(bands: np.ndarray, step_s: float) -> dict[str, float]:
 
 
 def _spectrum(lines: np.ndarray, step_s: float) -> np.ndarray:
-    """Root mean square of the modulation of lines (..., T) in each band of rates."""
+    """Root mean square of the modulation of lines (..., T) in each band of frequencies."""
     count = lines.shape[-1]
     change = lines - lines.mean(axis=-1, keepdims=True)
     power = np.abs(np.fft.rfft(change * np.hanning(count)) / count) ** 2
@@ -425,13 +428,13 @@ def _spectrum(lines: np.ndarray, step_s: float) -> np.ndarray:
 
 
 def _band_modulation(sides: tuple[np.ndarray, np.ndarray], speed: np.ndarray, step_s: float) -> dict[str, float]:
-    """Modulation of the mean of both sides, in wide bands of speed: which side it is does not matter."""
+    """Modulation of the mean over both signs of speed, in wide bands, so that the direction has no effect."""
     bands = np.mean([_bands(side, speed, WIDE_MPS) for side in sides], axis=0)
     return _numbered("modulation", np.log(_spectrum(bands, step_s) + 0.05))
 
 
 def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[str, float]:
-    """Modulation of the mean speed, and the track of its integral [m]."""
+    """Modulation of the mean speed, and the extent of its integral, which is the distance travelled [m]."""
     power = np.where((above > 3.0) & (np.abs(velocity_mps)[:, None] > NOTCH_MPS), 10.0 ** (above / 10.0), 0.0)
     total = power.sum(axis=0) + 1.0
     mean = (power * velocity_mps[:, None]).sum(axis=0) / total

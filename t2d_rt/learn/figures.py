@@ -1,4 +1,4 @@
-"""Pictures of a training: learning curves, confusion, reliability; and of a prediction under its spectrogram."""
+"""Figures of a training (learning curves, confusion, reliability), and of a prediction with its spectrogram."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH_OF_LETTER = 0.0105
-"""Width of a letter in the names above a prediction, as a part of the axis; names that do not fit are left out."""
+"""Width of a letter in the names above a prediction, as a fraction of the axis; names that do not fit are left out."""
 
 
 def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:
-    """Loss and accuracy over the epochs, of training and validation."""
+    """Loss and accuracy of training and validation over the epochs."""
     figure = NotebookFigure(figsize=(9, 3.6), layout="constrained")
     axes = figure.subplots(1, 2)
     epochs = np.arange(1, len(history) + 1)
@@ -45,7 +45,7 @@ def curves_figure(history: Sequence[dict[str, float]], *, title: str) -> Figure:
 
 
 def confusion_figure(scores: Scores, classes: Sequence[str], *, title: str) -> Figure:
-    """Confusion in percent of each class, with the numbers of samples."""
+    """Confusion matrix in percent of each class, with the numbers of samples."""
     size = 2.6 + 0.62 * len(classes)
     figure = NotebookFigure(figsize=(size + 0.8, size), layout="constrained")
     draw_confusion(figure.subplots(), scores.confusion, classes)
@@ -54,7 +54,7 @@ def confusion_figure(scores: Scores, classes: Sequence[str], *, title: str) -> F
 
 
 def draw_confusion(ax: Axes, confusion: np.ndarray, classes: Sequence[str]) -> Any:
-    """Rows are the classes, columns what they are taken for; what `imshow` drew."""
+    """Draws a confusion matrix: rows are true classes, columns predicted ones; returns what `imshow` drew."""
     part = 100.0 * confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
     image = ax.imshow(part, vmin=0, vmax=100, cmap="Blues")
     for row in range(len(classes)):
@@ -69,7 +69,7 @@ def draw_confusion(ax: Axes, confusion: np.ndarray, classes: Sequence[str]) -> A
 
 
 def reliability_figure(scores: Scores, *, title: str) -> Figure:
-    """Accuracy over confidence; the diagonal is a calibrated classifier."""
+    """Accuracy as a function of confidence; a calibrated classifier is on the diagonal."""
     figure = NotebookFigure(figsize=(4.8, 4.6), layout="constrained")
     ax = figure.subplots()
     occupied_bins = scores.reliability[scores.reliability[:, 2] > 0]
@@ -91,8 +91,8 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
 
 
 def prediction_figure(recording: Recording, prediction: Prediction, *, title: str) -> Figure:
-    """The spectrogram with static echoes as the network sees them, and below it the probability of each class over time; the
-    names are those of the likeliest course, where an activity lasts long enough for its name."""
+    """The spectrogram as the network sees it but with static echoes, and below it the probability of each class over time. Names
+    are those of the likeliest course of activities, where one lasts long enough for its name."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])
     recording.processed(mti=prediction.mti).plot(title, ax=upper)

@@ -1,6 +1,6 @@
-"""Fine-tuning: a network that learned from simulated events goes on learning from few real ones (Table IV of Text2Doppler).
+"""Fine-tuning: a network pre-trained on simulated events is trained further on a few real ones (Table IV of Text2Doppler).
 
-An event is what all radars of a room see of one motion. The four strategies differ in what of the network goes on learning.
+An event is what all radars in a room record of one motion. The four strategies differ in which layers are trained further.
 """
 
 from __future__ import annotations
@@ -23,44 +23,44 @@ except ImportError:
     raise InputError(f"fine-tuning needs PyTorch, which is not installed; {install('learn')}") from None
 
 SPEED_CELLS = 64
-"""Speeds of a network's input; bins are joined by the mean of their levels."""
+"""Number of speed cells of a network's input; Doppler bins are merged by averaging their levels."""
 SCALE_DB = 10.0
 GREATEST = 4.0
-"""Levels above the median, over SCALE_DB, are clipped there."""
+"""Input values are clipped at this level; they are levels above the median, divided by SCALE_DB."""
 SHIFT_ROWS = 8
-"""Greatest shift in time of an augmented event."""
+"""Greatest shift in time of an augmented event [rows]."""
 GAIN = 0.3
-"""Greatest change of scale of an augmented event's levels."""
+"""Greatest relative change of scale of an augmented event's levels."""
 BATCH = 16
 DECAY = 1e-3
 CHANNELS = 12, 24, 32
 SPEEDS_KEPT = 4
 FEATURES = 48
-"""Features that the penultimate layer gives."""
+"""Number of features in the penultimate layer."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Events:
-    """Events with the maps of each of V radars."""
+    """Events, with the maps of V radars for each."""
 
     levels: np.ndarray
-    """(E, V, speed, time) float32 [dB below each map's greatest cell]."""
+    """Levels (E, V, speed, time), float32 [dB below each map's greatest cell]."""
     labels: np.ndarray
-    """(E,) int64."""
+    """Index of the class of each event, (E,) int64."""
     classes: tuple[str, ...]
     names: tuple[str, ...]
     radars: tuple[str, ...]
     velocity_mps: np.ndarray
-    """(speed,), ascending, positive = approaching."""
+    """Speeds [m/s], ascending, positive = approaching, (speed,)."""
     duration_s: float
-    """Time that a map covers."""
+    """Duration of a map [s]."""
 
     def __len__(self) -> int:
         return len(self.labels)
 
     @classmethod
     def of(cls, maps: LabelledMaps) -> Events:
-        """Events of maps whose groups tell `event` and `radar`; without a radar each event has one map."""
+        """Events from maps whose groups include `event` and `radar`; without a radar each event has one map."""
         if "event" not in maps.groups:
             raise InputError(
                 f"maps need a group 'event', got {', '.join(maps.groups) or 'none'}; an event stands on one side only"
@@ -90,7 +90,7 @@ class Events:
         )
 
     def seen_by(self, radar: str) -> Events:
-        """The maps of one radar alone."""
+        """The events with the maps of one radar only."""
         if radar not in self.radars:
             raise InputError(f"there is no radar '{radar}'; choose from {', '.join(self.radars)}")
         place = self.radars.index(radar)
@@ -108,12 +108,12 @@ class Events:
 
     @property
     def above_median_db(self) -> np.ndarray:
-        """Levels above the median of each map, which is noise: (E, V, speed, time)."""
+        """Levels relative to the median of each map, which is noise [dB], (E, V, speed, time)."""
         return np.asarray(self.levels - np.median(self.levels, axis=(2, 3), keepdims=True))
 
     @property
     def inputs(self) -> np.ndarray:
-        """What a network is given: (E, V, SPEED_CELLS, time) float32, 0..GREATEST."""
+        """Inputs of a network, (E, V, SPEED_CELLS, time) float32, 0..GREATEST."""
         above = self.above_median_db
         events, views, speeds, times = above.shape
         if speeds % SPEED_CELLS:
@@ -122,7 +122,7 @@ class Events:
         return np.asarray(np.clip(joined / SCALE_DB, 0.0, GREATEST), dtype=np.float32)
 
     def same_axes(self, other: Events) -> None:
-        """Refuses events of other classes, cells, speeds or duration."""
+        """Refuses events with other classes, cells, speeds or duration."""
         if other.classes != self.classes or other.levels.shape[2:] != self.levels.shape[2:]:
             raise InputError(
                 f"simulated events of {other.classes}, {other.levels.shape[2:]} cells, do not fit real ones of {self.classes}, "
@@ -132,7 +132,8 @@ class Events:
 
 
 class EventNet(nn.Module):
-    """Convolutions over speed and time, mean and maximum over time, one hidden layer, mean over radars, one linear head."""
+    """Network of convolutions over speed and time, mean and maximum over time, one hidden layer, mean over radars, and a linear
+    head."""
 
     def __init__(self, classes: int) -> None:
         super().__init__()
@@ -146,7 +147,7 @@ class EventNet(nn.Module):
         self.head = nn.Linear(FEATURES, classes)
 
     def encoded(self, inputs: Tensor) -> Tensor:
-        """What the convolutions tell of inputs (B, V, speed, time): (B, V, 2 * channels * SPEEDS_KEPT)."""
+        """Output of the convolutions for inputs (B, V, speed, time), (B, V, 2 * channels * SPEEDS_KEPT)."""
         batch, views = inputs.shape[:2]
         encoding = self.encoder(inputs.flatten(0, 1)[:, None])
         encoding = encoding.unflatten(2, (SPEEDS_KEPT, encoding.shape[2] // SPEEDS_KEPT)).mean(dim=3)
@@ -154,15 +155,16 @@ class EventNet(nn.Module):
         return pooled.flatten(1).unflatten(0, (batch, views))
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Scores (B, K) of inputs (B, V, speed, time)."""
+        """Scores (B, K) for inputs (B, V, speed, time)."""
         return self.head(torch.relu(self.penultimate(self.encoded(inputs))).mean(dim=1))
 
 
 class Top(nn.Module):
-    """Penultimate layer and head of a network over what its convolutions told, with layers beside that a skip connection passes.
+    """Penultimate layer and head of a network, applied to the output of its convolutions; optionally with additional layers that
+    are bypassed by a skip connection.
 
-    Layers beside begin without effect: the last of them has weights of zero. (A layer that is added before the nonlinearity would
-    be the same as to tune the penultimate layer itself.)
+    The last additional layer starts with zero weights, so that they have no effect at first. (A layer added before the nonlinearity
+    would be equivalent to tuning the penultimate layer itself.)
     """
 
     def __init__(self, penultimate: nn.Linear, head: nn.Linear, *, beside: bool = False) -> None:
@@ -175,7 +177,7 @@ class Top(nn.Module):
         self.head = head
 
     def forward(self, encoded: Tensor) -> Tensor:
-        """Scores (B, K) of what the encoder told, (B, V, F)."""
+        """Scores (B, K) for outputs of the convolutions, (B, V, F)."""
         features = torch.relu(self.penultimate(encoded))
         if self.beside is not None:
             features = features + self.beside(features)
@@ -184,7 +186,7 @@ class Top(nn.Module):
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """How long and how fast a network learns; AdamW, cosine to zero."""
+    """Number of epochs and learning rate of a training by AdamW; the rate falls to zero by a cosine."""
 
     epochs: int
     rate: float
@@ -193,18 +195,19 @@ class Schedule:
 PRETRAINING = Schedule(30, 2e-3)
 TUNING = Schedule(40, 1e-3)
 HEADS = Schedule(120, 5e-3)
-"""Schedule of layers over features that are computed once, which learn faster than whole networks."""
+"""Schedule for layers on top of features that are computed once; they are trained faster than whole networks."""
 
 
 def seeded(seed: int) -> None:
-    """One thread and one seed: the same weights bit for bit on one machine."""
+    """Sets one thread and the seed, so that weights are the same bit for bit on one machine."""
     torch.set_num_threads(1)
     torch.use_deterministic_algorithms(True)
     torch.manual_seed(seed)
 
 
 def augmented(inputs: Tensor, generator: torch.Generator) -> Tensor:
-    """Events (B, V, speed, time) shifted in time, scaled, half of them with the radars' speeds turned round, one by one."""
+    """Events (B, V, speed, time), each with a random shift in time and scale; half of them with the sign of the radars' speeds
+    reversed."""
     augmented_events = []
     for event in inputs:
         shift = int(torch.randint(-SHIFT_ROWS, SHIFT_ROWS + 1, (1,), generator=generator))
@@ -218,7 +221,7 @@ def augmented(inputs: Tensor, generator: torch.Generator) -> Tensor:
 def fitted(
     module: nn.Module, inputs: Tensor, labels: Tensor, schedule: Schedule, seed: int, *, augment: bool
 ) -> nn.Module:
-    """The module after training all parameters that may change; classes weigh alike."""
+    """The module after training all its parameters that are not frozen; classes have equal weight."""
     generator = torch.Generator().manual_seed(seed)
     tuned = [parameter for parameter in module.parameters() if parameter.requires_grad]
     optimizer = torch.optim.AdamW(tuned, lr=schedule.rate, weight_decay=DECAY)
@@ -238,19 +241,19 @@ def fitted(
 
 
 def trained_on(net: EventNet, events: Events, schedule: Schedule, seed: int) -> nn.Module:
-    """A network all of whose weights have learned from augmented events."""
+    """The network after training all its weights on augmented events."""
     inputs, labels = torch.from_numpy(events.inputs), torch.from_numpy(events.labels)
     return fitted(net, inputs, labels, schedule, seed, augment=True)
 
 
 def random_network(classes: int, seed: int) -> EventNet:
-    """A network of random weights."""
+    """A network with random weights."""
     seeded(seed)
     return EventNet(classes)
 
 
 def pretrain(simulated: Events, *, seed: int = 0) -> EventNet:
-    """A network that learned from simulated events alone; the same weights bit for bit for one seed on one machine."""
+    """A network trained on simulated events only; its weights are the same bit for bit for the same seed on one machine."""
     with torch_threads(1):
         net = random_network(len(simulated.classes), seed)
         trained_on(net, simulated, PRETRAINING, seed)
@@ -277,52 +280,52 @@ def fine_tune(strategy: str, known: EventNet | None, train: Events, *, seed: int
 
 
 def labels_of(network: nn.Module, events: Events) -> np.ndarray:
-    """The class of the greatest score of each event, (E,) int64."""
+    """Index of the class with the greatest score for each event, (E,) int64."""
     network.eval()
     with torch.no_grad():
         return np.asarray(network(torch.from_numpy(events.inputs)).argmax(dim=1).numpy(), dtype=np.int64)
 
 
 class OverEncoder(nn.Module):
-    """Tuned layers over the frozen convolutions of a network."""
+    """Tuned layers on top of the frozen convolutions of a network."""
 
     def __init__(self, net: EventNet, layers: nn.Module) -> None:
         super().__init__()
         self.net, self.layers = net, layers
 
     def forward(self, inputs: Tensor) -> Tensor:
-        """Scores (E, K) of inputs (E, V, speed, time)."""
+        """Scores (E, K) for inputs (E, V, speed, time)."""
         scores: Tensor = self.layers(self.net.encoded(inputs))
         return scores
 
 
 def _over_encoder(net: EventNet, layers: Top, train: Events, seed: int) -> nn.Module:
-    """Tunes layers over features that are computed once: the convolutions stay as they are."""
+    """Trains layers on features that are computed once, as the convolutions are frozen."""
     with torch.no_grad():
         encoded = net.encoded(torch.from_numpy(train.inputs))
     return OverEncoder(net, fitted(layers, encoded, torch.from_numpy(train.labels), HEADS, seed, augment=False))
 
 
 def _linear_probing(net: EventNet, train: Events, seed: int) -> nn.Module:
-    """A new head over frozen features."""
+    """Trains a new head on frozen features."""
     net.penultimate.requires_grad_(False)
     new_head = nn.Linear(net.head.in_features, net.head.out_features)
     return _over_encoder(net, Top(net.penultimate, new_head), train, seed)
 
 
 def _last_layer(net: EventNet, train: Events, seed: int) -> nn.Module:
-    """Penultimate layer and head go on learning, the convolutions are frozen."""
+    """Trains penultimate layer and head; the convolutions are frozen."""
     return _over_encoder(net, Top(net.penultimate, net.head), train, seed)
 
 
 def _skip_connection(net: EventNet, train: Events, seed: int) -> nn.Module:
-    """Two new layers and the head learn; a skip connection passes the frozen penultimate features on beside them."""
+    """Trains two new layers and the head; a skip connection passes the frozen penultimate features around the new layers."""
     net.penultimate.requires_grad_(False)
     return _over_encoder(net, Top(net.penultimate, net.head, beside=True), train, seed)
 
 
 def _full(net: EventNet, train: Events, seed: int) -> nn.Module:
-    """All weights go on learning."""
+    """Trains all weights."""
     return trained_on(net, train, TUNING, seed)
 
 
@@ -332,4 +335,4 @@ STRATEGIES: dict[str, Callable[[EventNet, Events, int], nn.Module]] = {
     "skip connection": _skip_connection,
     "full fine-tuning": _full,
 }
-"""Table IV of Text2Doppler, by name."""
+"""Strategies of fine-tuning by their names in Table IV of Text2Doppler."""

@@ -1,4 +1,4 @@
-"""`LabelledMaps`: spectrograms of one size with their labels, simulated or measured, as classifiers are trained on them."""
+"""`LabelledMaps`: spectrograms of a common size with their labels, simulated or measured, on which classifiers are trained."""
 
 from __future__ import annotations
 
@@ -16,35 +16,37 @@ from t2d_rt.dataset.products import axis, edges, resized
 from t2d_rt.dataset.splits import grouped
 
 SIZE = 64, 64
-"""Cells of speed and of time by default."""
+"""Default number of cells of speed and of time."""
 DYNAMIC_RANGE_DB = 60.0
-"""Dynamic range of the maps, as the authors of Text2Doppler have it."""
+"""Dynamic range of the maps [dB], as the authors of Text2Doppler chose it."""
 LEAST_SHARED = 0.95
-"""Part of the span from the lowest to the highest speed of any map that all maps of a data set must cover."""
+"""Least part of the span from the lowest to the highest speed of any map that all maps of a data set must cover."""
 LARGEST = 4096
 AT_ONCE = 64
-"""Maps that are checked at once."""
+"""Number of maps that are checked at once."""
 LEAST_SPAN_DB = 1e-3
-"""Least difference between the levels of a map that shows anything; rounding alone makes less [dB]."""
+"""Least difference between the levels of a map that is not empty [dB]; rounding alone causes less."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledMaps:
-    """Spectrograms (N, speed, time) of the same axes, each with its class."""
+    """Spectrograms (N, speed, time) with common axes, each with its class."""
 
     levels: np.ndarray
-    """(N, speed, time) float32 [dB below the greatest cell of each map], 0 at most, clipped at the dynamic range, finite."""
+    """Levels [dB below the greatest cell of each map], float32 (N, speed, time): finite, 0 at most, clipped at the dynamic
+    range."""
     labels: np.ndarray
-    """(N,) int64, numbers of the classes."""
+    """Indices of the classes, int64 (N,)."""
     classes: tuple[str, ...]
     groups: Mapping[str, np.ndarray]
-    """What must not stand on two sides of a split, as "description", "clip" or "event": (N,) of str each."""
+    """By kind, such as "description", "clip" or "event", the group of each sample, str (N,): samples of a group must be on one side
+    of a split."""
     velocity_mps: np.ndarray
-    """(speed,), ascending, positive = approaching."""
+    """Speeds [m/s], ascending, positive = approaching, (speed,)."""
     duration_s: float
-    """Time that a map covers."""
+    """Duration of a map [s]."""
     names: tuple[str, ...]
-    """A name for each sample, by which it is found again."""
+    """A name for each sample, by which its origin can be found."""
 
     def __post_init__(self) -> None:
         levels = checked_levels(self.levels)
@@ -84,16 +86,16 @@ class LabelledMaps:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Cells of speed and of time."""
+        """Number of cells of speed and of time."""
         return self.levels.shape[1], self.levels.shape[2]
 
     @property
     def counts(self) -> np.ndarray:
-        """Samples of each class, (K,)."""
+        """Number of samples of each class, (K,)."""
         return np.bincount(self.labels, minlength=len(self.classes))
 
     def checked_for_training(self) -> LabelledMaps:
-        """These maps, if each of two classes or more has a sample."""
+        """These maps; refuses fewer than two classes, and a class without a sample."""
         if len(self.classes) < 2:
             raise InputError(
                 f"there is one class only, {shown(self.classes[0])}; a classifier needs samples of two or more"
@@ -123,9 +125,9 @@ class LabelledMaps:
         )
 
     def resized(self, size: tuple[int, int], speeds_mps: tuple[float, float] | None = None) -> LabelledMaps:
-        """Maps of another size: powers are averaged over what a cell covers, 0 dB is their greatest cell again.
+        """Maps of another size: powers are averaged over the cells, and 0 dB is the greatest cell of each new map.
 
-        speeds_mps: outer edges of the lowest and the highest speed that they show then; by default those of now.
+        speeds_mps: outer edges of the lowest and the highest speed of the new maps; by default those of these maps.
         """
         new_size, (low, high) = checked_size(size), edges(self.velocity_mps)
         first, last = speeds_mps or (low, high)
@@ -137,7 +139,7 @@ class LabelledMaps:
         return replace(self, levels=levels, velocity_mps=axis((first, last), new_size[0]))
 
     def relabelled(self, classes: Sequence[str], of: Mapping[str, str] | None = None) -> LabelledMaps:
-        """The samples of these classes, in this order; of: the new name of each class that is kept, its own by default."""
+        """The samples of these classes, in this order. `of`: the new class of each old class that is kept; by default the same."""
         of = {name: name for name in self.classes if name in classes} if of is None else of
         numbers = np.array([classes.index(of[name]) if name in of else -1 for name in self.classes])[self.labels]
         if not (numbers >= 0).any():
@@ -146,7 +148,8 @@ class LabelledMaps:
         return replace(selected, labels=numbers[numbers >= 0], classes=tuple(classes))
 
     def joined(self, *others: LabelledMaps) -> LabelledMaps:
-        """These maps and those of others of the same classes and axes; a group that some lack holds each of their samples alone."""
+        """These maps together with others of the same classes and axes. Where some lack a kind of group, each of their samples is a
+        group by itself."""
         for other in others:
             instance("maps to join", other, LabelledMaps, "LabelledMaps")
             if other.classes != self.classes:
@@ -233,8 +236,8 @@ def shared_speeds(*datasets: Dataset) -> tuple[float, float]:
 
 
 def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
-    """What samples share: sentence, seed of the motion, subject where all have one, and recordings that it was made of, those
-    joined by a sample as one."""
+    """Groups of samples that share a sentence, a motion seed, a subject (if all have one), or recordings from which they were made;
+    recordings that occur in one sample count as one."""
     have_subjects = all(record.get("subject") is not None for record in records)
     clips = np.empty(len(records), dtype="U24")
     for number, members in enumerate(grouped(records, ["clip"])):
@@ -248,7 +251,8 @@ def groups_of(records: Sequence[Mapping[str, Any]]) -> dict[str, np.ndarray]:
 
 
 def checked_levels(given: Any) -> np.ndarray:
-    """Levels (sample, speed, time), float32; those that are stored so, as in a file of many gigabytes, are not copied."""
+    """Checked levels (sample, speed, time), float32. An array that is float32 already, such as a file of many gigabytes, is not
+    copied."""
     hint = "remove damaged samples first"
     shape = "sample", "speed", "time"
     if not (isinstance(given, np.ndarray) and given.dtype == np.float32 and given.ndim == len(shape)):
@@ -261,9 +265,9 @@ def checked_levels(given: Any) -> np.ndarray:
 def relative_levels(
     power: np.ndarray, size: tuple[int, int], dynamic_range_db: float, rows: tuple[float, float] = (0.0, 1.0)
 ) -> np.ndarray:
-    """Powers (speed, time) of any unit as levels of a map of that size [dB below its greatest cell], float32.
+    """Powers (speed, time) in any unit as levels of a map of a given size [dB below its greatest cell], float32.
 
-    rows: the part of the speeds that the map covers, as `resized` takes it.
+    rows: range of speeds that the map covers, in rows, as for `resized`.
     """
     cells = resized(power, size, rows)
     greatest = max(float(cells.max()), 1e-300)
@@ -278,7 +282,7 @@ class _Axes(Protocol):
 
 
 def check_axes(first: _Axes, second: _Axes) -> None:
-    """Refuses maps of as many cells that cover other speeds or another time."""
+    """Refuses maps whose cells, though of equal number, cover other speeds or another duration."""
     cell = float(first.velocity_mps[1] - first.velocity_mps[0])
     away = float(np.abs(second.velocity_mps - first.velocity_mps).max())
     if away > 0.5 * cell + 1e-9 or abs(second.duration_s - first.duration_s) > 0.05 * first.duration_s:
@@ -289,13 +293,14 @@ def check_axes(first: _Axes, second: _Axes) -> None:
 
 
 def check_varied(levels: np.ndarray, name: str) -> None:
-    """Refuses a map of one level, as of a recording without a signal: relative to its greatest cell it would be all echo."""
+    """Refuses a map with a single level, as from a recording without a signal: relative to its greatest cell it would be all
+    echo."""
     if np.ptp(levels) < LEAST_SPAN_DB:
         raise InputError(f"{name} has the same level in all cells, which shows nothing; leave it out or make it anew")
 
 
 def checked_size(size: Any) -> tuple[int, int]:
-    """Cells of speed and of time; one number stands for both."""
+    """Checked numbers of cells of speed and of time; a single number stands for both."""
     pair = (size, size) if isinstance(size, (int, np.integer)) else size
     if not isinstance(pair, (tuple, list)) or len(pair) != 2:
         raise InputError(f"size must be two numbers of cells, of speed and of time, got {shown(size)}")
@@ -304,7 +309,7 @@ def checked_size(size: Any) -> tuple[int, int]:
 
 
 def checked_classes(classes: Any) -> tuple[str, ...]:
-    """Names of classes, each once."""
+    """Checked names of classes, all different."""
     if not isinstance(classes, tuple) or not classes or not all(isinstance(name, str) and name for name in classes):
         raise InputError(f"classes must be a tuple of names, got {shown(classes)}")
     if len(set(classes)) < len(classes):
@@ -313,7 +318,7 @@ def checked_classes(classes: Any) -> tuple[str, ...]:
 
 
 def _group(maps: LabelledMaps, kind: str, part: int) -> np.ndarray:
-    """The groups of one kind; where there are none, each sample is a group of its own."""
+    """The groups of one kind; if there are none, each sample is a group by itself."""
     if kind in maps.groups:
         return maps.groups[kind]
     return np.array([f"{name} of part {part}" for name in maps.names])

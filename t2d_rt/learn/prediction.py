@@ -1,4 +1,4 @@
-"""A recording as a classifier sees it: windows over time, on the axes of the maps that it was trained on."""
+"""Classifies a recording over time: sliding windows, on the axes of the maps on which the classifier was trained."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ from t2d_rt.motion.descriptions.slots import ACTIONS_OF, RESTS_OF
 from t2d_rt.recording.recording import Recording
 
 STEPS, MOST_STEPS = 10, 200
-"""Windows that begin within the duration of one, by default and at most."""
+"""Number of windows that begin within the duration of one, by default and at most."""
 LEAST_COVERED = 0.5
-"""The part of a window that a recording covers at least; the rest of the window is filled with the recording's floor."""
+"""Least fraction of a window that a recording must cover; the rest is filled with the recording's noise floor."""
 FLOOR = 0.1
-"""The quantile of a recording's columns that is its floor at each speed: somebody moves in most of them, but not at all speeds."""
+"""Quantile over a recording's columns that counts as its noise floor at each speed: somebody moves in most columns, but not at all
+speeds."""
 MOST_INSTANTS = 20
-"""Most instants of a course within the duration of a window; the search takes a time that grows with their square."""
+"""Greatest number of instants of a course within the duration of a window; the time of the search grows with its square."""
 LEAST = 0.8
-"""The part of a window that an activity lasts at least, by default."""
+"""Default of the least duration of an activity, as a fraction of a window."""
 APART = 1e-3
-"""The part of a step by which windows begin apart at least: a recording as long as a window, but for rounding, makes one window."""
+"""Least distance between the starts of windows, as a fraction of a step: a recording as long as a window, except for rounding,
+gives one window."""
 OVER_NOISE, BEYOND = 20.0, 0.01
-"""How far above the median cell an echo is for certain, as a factor: one cell of noise in a million is. And the part of the power
-in echoes at speeds that the training does not show, from which that is told."""
+"""Factor above the median cell from which a cell is certainly an echo, as only one noise cell in a million exceeds it; and fraction
+of the echoes' power at speeds outside of the training's from which there is a warning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,32 +43,32 @@ class Prediction:
 
     classes: tuple[str, ...]
     starts_s: np.ndarray
-    """Time at which each window begins [s], (W,)."""
+    """Start of each window [s], (W,)."""
     duration_s: float
     """Duration of a window [s]."""
     probabilities: np.ndarray
     """Probability of each class in each window, (W, K)."""
     mti: Literal["mean", "none"] = "mean"
-    """How static echoes were taken away, as for the training."""
+    """How static echoes were removed, as for the training."""
     least_s: float = 0.0
-    """What an activity lasts at least."""
+    """Least duration of an activity [s]."""
 
     @property
     def middles_s(self) -> np.ndarray:
-        """Middle of each window, (W,)."""
+        """Middle of each window [s], (W,)."""
         return self.starts_s + 0.5 * self.duration_s
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """Number of the class at each of the times (T,), by the likeliest course: (T,)."""
+        """Index of the class at each of the times (T,) by the likeliest course, (T,)."""
         instants_s, labels = self.course()
         return np.asarray(labels[nearest(instants_s, np.asarray(times_s, dtype=float))])
 
     def course(self) -> tuple[np.ndarray, np.ndarray]:
-        """Instants from the beginning of the first window to the end of the last [s], (T,), and the number of the class at each.
+        """Instants from the beginning of the first window to the end of the last [s], (T,), and the index of the class at each.
 
-        The course is that of the greatest product of probabilities among those in which every activity lasts for `least_s` or more,
-        each judged by windows that see little else (`likeliest_course`). With a `least_s` of 0 an instant has the likeliest class
-        of the window whose middle is nearest.
+        The course has the greatest product of probabilities among those in which every activity lasts at least `least_s`; each
+        activity is judged by the windows that show little else (`likeliest_course`). With a `least_s` of 0 an instant has the
+        likeliest class of the window with the nearest middle.
         """
         wrong = np.flatnonzero(~np.isfinite(self.probabilities).all(axis=1))
         if len(wrong):
@@ -75,7 +77,7 @@ class Prediction:
                 "recording, or at the model's weights"
             )
         first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
-        # Instants are as far apart as windows are, but no window is skipped where these are far apart.
+        # instants have the spacing of the windows, or a finer one where windows are far apart, so that none is skipped
         steps_s = np.diff(self.starts_s) if len(self.starts_s) > 1 else np.array([self.duration_s])
         step_s = min(self.duration_s, float(np.median(steps_s)))
         if self.least_s > 0:
@@ -89,7 +91,7 @@ class Prediction:
         return instants_s, likeliest_course(self.probabilities, self.middles_s, self.duration_s, edges_s, least)
 
     def pieces(self) -> list[Event]:
-        """Each activity of the course."""
+        """The activities of the course, in order."""
         instants_s, labels = self.course()
         changes = np.flatnonzero(np.diff(labels)) + 1
         edges_s = [
@@ -138,9 +140,9 @@ def predict(
 def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
     """What the persons of a simulated recording do, as events of these classes, by person and time.
 
-    An action is of the class of its name, or else of the one to which the descriptions' grammar counts it, as sitting down and
-    standing up to sitting, with the rest on the seat; what is of neither is no event, as standing. Actions of one class that follow
-    one another are one event.
+    An action belongs to the class of its own name, or else to the class to which the descriptions' grammar assigns it: sitting
+    down, resting on the seat and standing up belong to sitting. Actions of no class, such as standing, are no events. Consecutive
+    actions of one class are one event.
     """
     numbers: dict[str, int] = {
         action: classes.index(name)
@@ -162,7 +164,7 @@ def events_of(recording: Recording, classes: Sequence[str]) -> list[Event]:
 
 
 def labels_of_windows(events: Sequence[Event], starts_s: np.ndarray, duration_s: float, classes: int) -> np.ndarray:
-    """Number of the class that lasts longest in each window, (W,); -1 where there is none in it."""
+    """Index of the class that lasts longest in each window, (W,); -1 for a window without any."""
     shared = np.zeros((len(starts_s), classes))
     for begin_s, end_s, label in events:
         shared[:, label] += np.maximum(np.minimum(starts_s + duration_s, end_s) - np.maximum(starts_s, begin_s), 0.0)
@@ -170,18 +172,18 @@ def labels_of_windows(events: Sequence[Event], starts_s: np.ndarray, duration_s:
 
 
 def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Starts of the windows [s] and for each card its maps (W, speed, time), static echoes taken away as for the training.
+    """Starts of the windows [s], and for each card its maps (W, speed, time), with static echoes removed as for the training.
 
-    Where the mean is taken away it is that of each window, as it was that of each record of the training: somebody who rests in one
-    part of a long recording would be a static echo in all of it. Cells of the maps are means over what they cover of the
-    recording's cells. A recording that is shorter than a window makes one, which goes on at the recording's floor.
+    Where the mean is removed it is that of each window, as it was that of each record in training: in a long recording, a person
+    who rests for part of it would count as a static echo in all of it. Cells of the maps are means over the cells of the recording
+    that they cover. A recording shorter than a window makes one window, which is filled up with its noise floor.
     """
     card = cards[0]
     all_columns = _Columns.of(recording.processed(mti=_mti(card)))
     _check_speeds(all_columns, card)
     last = _last_start_s(all_columns, card)
     starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
-    # Networks of the same cells share their maps.
+    # networks with the same cells share their maps
     kinds = {
         (member_card.size, member_card.velocity_mps, member_card.dynamic_range_db): member_card for member_card in cards
     }
@@ -216,7 +218,7 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
 
 
 def _check_speeds(columns: _Columns, card: Card) -> None:
-    """Refuses a recording that does not cover the speeds of the training, and warns of one that shows others as well."""
+    """Refuses a recording that does not cover the speeds of the training, and warns of power at other speeds."""
     speed_edges = _edges(card.axis_mps)
     bin_mps = columns.speeds[1] - columns.speeds[0]
     if speed_edges[0] < columns.speeds[0] - bin_mps or speed_edges[-1] > columns.speeds[-1] + bin_mps:
@@ -236,7 +238,8 @@ def _check_speeds(columns: _Columns, card: Card) -> None:
 
 
 def _last_start_s(columns: _Columns, card: Card) -> float:
-    """Where the last window begins after the first [s]; warns of a recording that is shorter than one, and refuses half of one."""
+    """Start of the last window relative to the first [s]; warns of a recording shorter than a window, and refuses one shorter than
+    half of that."""
     lengths = (
         f"the recording has {columns.length_s:.3g} s of spectrogram, a window of the model {card.duration_s:.3g} s"
     )
@@ -253,14 +256,14 @@ def _last_start_s(columns: _Columns, card: Card) -> float:
 
 @dataclass(frozen=True, slots=True)
 class _Columns:
-    """A spectrogram by the edges of its cells."""
+    """A spectrogram with the edges of its cells."""
 
     power: np.ndarray
-    """(speed, time)."""
+    """Power (speed, time)."""
     speeds: np.ndarray
-    """Edges [m/s], (speed + 1,)."""
+    """Edges of the speed cells [m/s], (speed + 1,)."""
     times: np.ndarray
-    """Edges [s], (time + 1,)."""
+    """Edges of the time cells [s], (time + 1,)."""
 
     @classmethod
     def of(cls, recording: Recording) -> _Columns:
@@ -278,7 +281,7 @@ class _Columns:
         return float(self.times[-1] - self.times[0])
 
     def until(self, end_s: float) -> _Columns:
-        """These columns, and one at their floor that lasts to `end_s` where they end a column or more before."""
+        """These columns, followed by one at the noise floor up to `end_s` if they end at least a column earlier."""
         if end_s - self.times[-1] < self.times[-1] - self.times[-2]:
             return self
         floor = np.quantile(self.power, FLOOR, axis=1, keepdims=True)
@@ -286,13 +289,13 @@ class _Columns:
 
 
 def _piece(recording: Recording, start_s: float, duration_s: float, length_s: float) -> Recording:
-    """The recording from `start_s` on, so long that its spectrogram covers the duration; whole bursts of chirps.
+    """The part of a recording from `start_s` on whose spectrogram covers `duration_s`, in whole bursts.
 
-    length_s: that the spectrogram of the whole recording covers.
+    length_s: duration that the spectrogram of the whole recording covers.
     """
     begins = recording.radar.chirp_starts_s(len(recording.cube))
     begins = begins - begins[0]
-    # What windows of the transform take away at the ends, or pauses between bursts add: the same for a piece as for the whole.
+    # what the windows of the transform lose at the ends, or pauses between bursts add, is the same for a part as for the whole
     beyond_s = float(begins[-1]) + recording.radar.loop_interval_s - length_s
     half_s = 0.5 * recording.radar.loop_interval_s
     burst = recording.radar.loops_per_frame or 1
@@ -308,55 +311,56 @@ def _piece(recording: Recording, start_s: float, duration_s: float, length_s: fl
 
 
 def _mti(card: Card) -> Literal["mean", "none"]:
-    """How static echoes were taken away for the training; the mean, where the card does not tell."""
+    """How static echoes were removed for the training; the mean, if the card does not say."""
     return "none" if card.about.get("mti") == "none" else "mean"
 
 
 def _edges(centres: np.ndarray) -> np.ndarray:
-    """Edges of cells between their centres, (N + 1,)."""
+    """Edges of cells from their centres, (N + 1,)."""
     middles = 0.5 * (centres[1:] + centres[:-1])
     first, last = centres[0] - (middles[0] - centres[0]), centres[-1] + (centres[-1] - middles[-1])
     return np.concatenate([[first], middles, [last]])
 
 
 LEAST_PROBABILITY = 1e-2
-"""A class is never held for less likely than this, or than the mean of all classes: windows over a change may be certain of what is
-wrong."""
+"""Least probability that is used for a class, or the mean probability of all classes if that is less, since windows over a change
+may be certain of a wrong class."""
 SHARPNESS = 16
-"""A window that would have to move by a part x of its duration to see an activity alone counts by (1 - x) to this power."""
+"""A window that would have to move by a fraction x of its duration to show a single activity has the weight (1 - x) to this
+power."""
 LONGEST = 4
-"""An activity of the search lasts at most so many windows, or twice the least duration if that is more; longer ones are several of
-one class."""
+"""Greatest duration of an activity in the search, in windows, or twice the least duration if that is more; longer activities are
+made of several of the same class."""
 LEAST_WEIGHT = 1e-12
-"""Added to the weight of the nearest window, so that one counts where windows are far apart."""
+"""Added to the weight of the nearest window, so that a weight is positive where windows are far apart."""
 
 
 def likeliest_course(
     probabilities: np.ndarray, middles_s: np.ndarray, duration_s: float, edges_s: np.ndarray, least: int
 ) -> np.ndarray:
-    """Number of the class at each instant, (T,): of all courses of activities of `least` instants or more, the one whose product of
-    probabilities over all instants is greatest. Where there are fewer instants, one activity lasts for all of them.
+    """Index of the class at each instant, (T,), of the likeliest course: among all courses of activities of at least `least`
+    instants, the one with the greatest product of probabilities over all instants. Where there are fewer instants, a single
+    activity lasts for all of them.
 
-    An instant has the weighted geometric mean of the probabilities of the windows about its activity. A window that lies within it
-    counts in full; one that would have to move by a part x of its duration to lie within, or to be about the middle of an activity
-    that is shorter, counts by (1 - x)^16. So windows over a change hardly count where others show an activity alone; one stray
-    window among many that overlap makes no activity, unless it is the first or the last of all; and each instant counts once,
-    whatever the course. Activities of one class may follow one another, as
-    a slow and a fast walk: each is judged for itself, and the course tells the class of both.
+    The probability at an instant is a weighted geometric mean over the windows around its activity. A window within the activity
+    has full weight. One that would have to move by a fraction x of its duration to lie within it, or to be centred at a shorter
+    activity, has the weight (1 - x)^16. So windows over a change have little effect where others show a single activity; one stray
+    window among many overlapping ones makes no activity, unless it is the first or the last; and each instant counts once, whatever
+    the course. Neighbouring activities may be of one class, such as a slow and a fast walk: each is judged by itself.
 
     probabilities: of each class in each window, (W, K).
-    middles_s: of the windows [s], (W,), ascending.
-    duration_s: of a window.
-    edges_s: where instants of equal length begin and end [s], (T + 1,).
+    middles_s: middles of the windows [s], (W,), ascending.
+    duration_s: duration of a window [s].
+    edges_s: edges between instants of equal duration [s], (T + 1,).
     """
     count, classes = len(edges_s) - 1, probabilities.shape[1]
     scores = np.log(np.maximum(probabilities, min(LEAST_PROBABILITY, 1.0 / classes)))
     least = min(max(1, least), count)
     per_window = duration_s * count / float(edges_s[-1] - edges_s[0])
     longest = max(2 * least, math.ceil(LONGEST * per_window))
-    best = np.full(count + 1, -np.inf)  # of the courses that end at each edge
+    best = np.full(count + 1, -np.inf)  # score of the best course that ends at each edge
     best[0] = 0.0
-    last = np.zeros((count + 1, 2), dtype=int)  # the last activity of the best: where it begins, and its class
+    last = np.zeros((count + 1, 2), dtype=int)  # last activity of that course: where it begins, and its class
     for end in range(least, count + 1):
         starts = np.arange(max(0, end - longest), end - least + 1)
         means = _means(scores, middles_s, duration_s, edges_s[starts], edges_s[end])
@@ -384,13 +388,14 @@ def _means(
     shift = np.maximum(np.abs(middles_s - centres_s[:, None]) - spare_s[:, None], 0.0) / duration_s
     weights = np.maximum(1.0 - shift, 0.0) ** SHARPNESS
     weights[np.arange(len(weights)), shift.argmin(axis=1)] += (
-        LEAST_WEIGHT  # where there is none, the nearest one counts
+        LEAST_WEIGHT  # without such a window the nearest one counts
     )
     return np.asarray(weights @ scores / weights.sum(axis=1)[:, None])
 
 
 def nearest(places: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Number of the nearest of ascending places (N,) for each that is wanted, of the shape of those; the earlier of two as near."""
+    """Index of the nearest of ascending positions (N,) for each wanted one, in the shape of these; the earlier one if two are
+    equally near."""
     if len(places) == 1:
         return np.zeros(np.shape(wanted), dtype=int)
     after = np.clip(np.searchsorted(places, wanted), 1, len(places) - 1)

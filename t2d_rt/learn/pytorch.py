@@ -1,4 +1,5 @@
-"""PyTorch: whether it is installed with what learning needs; its threads and random state, one setting of the process."""
+"""PyTorch: whether it is installed with everything that learning needs; its threads and random state, which are global to the
+process."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ NEEDED = "torch", "monai", "sklearn", "safetensors"
 
 
 def require_learning() -> None:
-    """Raises a sentence that names the extra, where something that learning needs is not installed."""
+    """Raises an error that names the extra to install, if a package that learning needs is missing."""
     lacking = [name for name in NEEDED if find_spec(name) is None]
     if lacking:
         raise InputError(f"learning needs {', '.join(lacking)}, not installed; {install('learn')}")
@@ -20,7 +21,7 @@ def require_learning() -> None:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """PyTorch on so many threads; afterwards their number, its random state and its choice of algorithms are as before."""
+    """Runs PyTorch with `count` threads; afterwards their number, its random state and its choice of algorithms are restored."""
     import torch
 
     threads, random_state = torch.get_num_threads(), torch.random.get_rng_state()

@@ -1,4 +1,4 @@
-"""Trained networks as files: weights in safetensors, a card in JSON. Nothing is unpickled."""
+"""Trained networks as files: weights in safetensors, and a card in JSON. Nothing is unpickled."""
 
 from __future__ import annotations
 
@@ -27,23 +27,24 @@ WEIGHTS, CARD, STATE = "weights.safetensors", "card.json", "state.ckpt"
 FORMAT = "t2d-rt model 1"
 MOST_BYTES = 2_000_000_000
 PICKLES = b"PK", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05"
-"""How files of torch.save and of pickle begin."""
+"""First bytes of files that torch.save or pickle wrote."""
 BATCH = 64
 BAND = 0.1
-"""Relative difference of carriers from which a recording counts as of another band."""
+"""Relative difference of carriers from which a recording counts as being of another band."""
 CELLS = 1.5
-"""Ratio of Doppler cells from which a recording counts as of another resolution."""
+"""Ratio of the widths of Doppler cells from which a recording counts as being of another resolution."""
 RANGE, CONTRAST_DB = (0.05, 0.95), 3.0
-"""Quantiles of the contrasts of the training that a card tells, and by how much others may lie beyond [dB]."""
+"""Quantiles of the contrasts in the training that are stored on a card, and tolerance beyond these [dB]."""
 
 
 def contrasts_db(levels: np.ndarray) -> np.ndarray:
-    """How far the greatest cell of each map lies above the median of all of its cells, which is mostly noise [dB], (N,)."""
+    """Contrast of each map [dB], (N,): its greatest cell relative to the median of its cells, which is mostly noise."""
     return -np.median(levels, axis=(1, 2))
 
 
 def as_input(levels: np.ndarray, dynamic_range_db: float) -> Tensor:
-    """Maps (N, speed, time) [dB below the greatest cell] as (N, 1, speed, time), 1 at the greatest, 0 at the range's end."""
+    """Maps (N, speed, time) [dB below the greatest cell] as inputs (N, 1, speed, time), 1 at the greatest cell and 0 at the end of
+    the range."""
     import torch
 
     return torch.from_numpy(np.clip(1.0 + levels / np.float32(dynamic_range_db), 0.0, 1.0).astype(np.float32))[:, None]
@@ -53,7 +54,7 @@ Seconds = Annotated[Number, Field(gt=0)]
 
 
 class Card(Fields):
-    """What a trained network is for: the axes of its maps and its classes. A file may tell more, which is left aside."""
+    """What a trained network can be used for: the axes of its maps, and its classes. Unknown entries of a file are ignored."""
 
     noun: ClassVar[str] = "card"
     model_config = ConfigDict(extra="ignore")
@@ -62,16 +63,16 @@ class Card(Fields):
     classes: Annotated[tuple[str, ...], AfterValidator(checked_classes)]
     size: Annotated[tuple[int, int], BeforeValidator(checked_size)]
     velocity_mps: tuple[Number, Number]
-    """Centres of the first and last cell of speed."""
+    """Centres of the first and the last speed cell [m/s]."""
     duration_s: Seconds
     dynamic_range_db: Annotated[Number, Field(gt=0, le=200)]
     seed: Count
     about: dict[str, Any] = Field(default_factory=dict)
-    """How it was trained."""
+    """How the network was trained."""
 
     @model_validator(mode="after")
     def _usable(self) -> Self:
-        """Refuses speeds that do not rise, and an account of the training that cannot be what it is used for."""
+        """Refuses speeds that do not rise, and entries about the training of a wrong type."""
         if not self.velocity_mps[0] < self.velocity_mps[1]:
             raise InputError("velocity_mps must rise")
         for name, unit in (("carriers_hz", "Hz"), ("cells_mps", "m/s")):
@@ -89,7 +90,7 @@ class Card(Fields):
     def of(
         cls, model: str, maps: LabelledMaps, dynamic_range_db: float, *, seed: int, about: Mapping[str, Any]
     ) -> Card:
-        """The card of a network for such maps, which tells their contrast as well."""
+        """The card of a network for such maps, including their contrast."""
         return cls(
             model=model,
             classes=maps.classes,
@@ -110,9 +111,9 @@ class Card(Fields):
         levels: np.ndarray | None = None,
     ) -> list[str]:
         """Sentences on what the network was not trained for: another carrier, Doppler resolution or noise. What the card does not
-        tell is no matter.
+        specify is not checked.
 
-        what: what is told of, as "the recording"; levels: its maps, (N, speed, time) [dB below the greatest cell of each].
+        what: noun for the sentences, as "the recording"; levels: its maps, (N, speed, time) [dB below the greatest cell of each].
         """
         warnings = []
         carriers = [float(value) for value in self.about.get("carriers_hz", [])]
@@ -143,19 +144,20 @@ class Card(Fields):
         return self.model_copy(update={"about": {**self.about, **more}})
 
     def to_plain(self) -> dict[str, Any]:
-        """The card as it is written as JSON."""
+        """The card as plain values for JSON."""
         return {"format": FORMAT, **dict(self)}
 
     @property
     def speeds_mps(self) -> tuple[float, float]:
-        """Outer edges of the first and last cell of speed, to 1e-6 m/s, which do not depend on the number of cells."""
+        """Outer edges of the first and the last speed cell [m/s], rounded to 1e-6 m/s; they do not depend on the number of
+        cells."""
         first, last = self.velocity_mps
         half = 0.5 * (last - first) / (self.size[0] - 1)
         return round(first - half, 6), round(last + half, 6)
 
     @property
     def axis_mps(self) -> np.ndarray:
-        """Centres of the cells of speed."""
+        """Centres of the speed cells [m/s]."""
         return np.linspace(*self.velocity_mps, self.size[0])
 
 
@@ -167,9 +169,9 @@ class SavedModel:
     network: nn.Module
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
-        """Probability of each class, (N, K), of maps (N, speed, time) [dB below the greatest cell of each].
+        """Probability of each class, (N, K), for maps (N, speed, time) [dB below the greatest cell of each].
 
-        Raises InputError for maps of other cells than those of the training, for NaN, and where the weights give NaN.
+        Raises InputError for maps with other cells than those of the training, for NaN, and where the weights give NaN.
         """
         import torch
 
@@ -197,7 +199,7 @@ class SavedModel:
 
 @dataclass(frozen=True, slots=True)
 class Ensemble:
-    """Several trained networks for the same maps and classes, whose probabilities are averaged."""
+    """Several trained networks for the same classes and axes, whose probabilities are averaged."""
 
     members: tuple[SavedModel, ...]
 
@@ -222,21 +224,23 @@ class Ensemble:
 
     @property
     def card(self) -> Card:
-        """The card of the first network, whose classes, speeds and duration are those of all."""
+        """The card of the first network; its classes, speeds and duration are those of all."""
         return self.members[0].card
 
     def probabilities(self, levels: np.ndarray) -> np.ndarray:
-        """Means over the networks, (N, K), of maps (N, speed, time) [dB below the greatest cell of each] of the cells of all."""
+        """Mean probabilities over the networks, (N, K), for maps (N, speed, time) [dB below the greatest cell of each] with the
+        cells of all."""
         return self.mean_of([levels] * len(self.members))
 
     def mean_of(self, maps: Sequence[np.ndarray]) -> np.ndarray:
-        """Means over the networks, (N, K), of maps of each network's own cells and dynamic range, one array for each network."""
+        """Mean probabilities over the networks, (N, K), for maps with each network's own cells and dynamic range, one array for
+        each network."""
         probabilities = [member.probabilities(levels) for member, levels in zip(self.members, maps, strict=True)]
         return np.asarray(np.mean(probabilities, axis=0))
 
 
 def write_model(folder: Path, saved: SavedModel) -> None:
-    """Weights and card; the same training writes the same bytes of weights."""
+    """Writes weights and card to a folder; the same training gives the same bytes of weights."""
     from safetensors.torch import save
 
     arrays = {name: tensor.detach().contiguous().clone() for name, tensor in saved.network.state_dict().items()}
@@ -249,7 +253,7 @@ def write_model(folder: Path, saved: SavedModel) -> None:
 
 
 def load_model(path: str | Path) -> SavedModel:
-    """A trained network by the folder that training wrote.
+    """Reads a trained network from the folder to which training wrote it.
 
     Raises InputError where the folder holds none, where a file is a pickle, and where card and weights do not belong together.
     """
@@ -277,7 +281,7 @@ def load_model(path: str | Path) -> SavedModel:
 
 
 def _read_card(path: Path) -> tuple[Card, str]:
-    """A card, and the SHA-256 of the weights that it belongs to."""
+    """A card, and the SHA-256 of its weights."""
     try:
         content = json.loads(read_bytes(path, limit=50_000_000, noun="card of a model"))
         if content["format"] != FORMAT:
@@ -290,7 +294,7 @@ def _read_card(path: Path) -> tuple[Card, str]:
 
 
 def refuse_pickle(path: Path) -> None:
-    """Raises where a file is a pickle, as torch.save writes: reading it could run anything."""
+    """Raises an InputError if a file is a pickle, as torch.save writes; reading it could execute anything."""
     if path.is_file():
         with path.open("rb") as file:
             head = file.read(2)
@@ -301,7 +305,7 @@ def refuse_pickle(path: Path) -> None:
 
 
 def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
-    """The state of a training that was stopped: plain numbers and tensors, nothing else."""
+    """Reads the state of a stopped training, which must consist of plain numbers and tensors."""
     import torch
 
     try:
@@ -313,12 +317,12 @@ def read_state(path: Path, network: nn.Module) -> dict[str, Any]:
         shapes = {name: tensor.shape for name, tensor in network.state_dict().items()}
         if {name: tensor.shape for name, tensor in state["best"].items()} != shapes:
             raise ValueError("it is of another network")
-    except Exception as error:  # torch and zipfile raise what they like of a damaged file
+    except Exception as error:  # torch and zipfile may raise anything for a damaged file
         raise not_a_state(path, error) from None
     return dict(state)
 
 
 def not_a_state(path: Path, error: BaseException) -> InputError:
-    """What to say of a state that is another's, or damaged."""
+    """The error for a state that is damaged, or of another program."""
     reason = " ".join(str(error).split()).split(". ")[0][:100] or type(error).__name__
     return InputError(f"{path} is no state of a training that can be read safely ({reason}); remove it to begin anew")

@@ -1,4 +1,4 @@
-"""How well probabilities agree with labels: accuracy, macro-F1, confusion, calibration; and how well events over time do."""
+"""Scores of probabilities against labels (accuracy, macro-F1, confusion, calibration), and of predicted events over time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from t2d_rt.core.errors import InputError
 
 BINS = 10
-"""Bins of confidence in a reliability diagram."""
+"""Number of confidence bins in a reliability diagram."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,9 +20,9 @@ class Scores:
 
     accuracy: float
     macro_f1: float
-    """Mean over the classes that occur or are told."""
+    """Macro-F1: mean over the classes that occur or are predicted."""
     confusion: np.ndarray
-    """Samples of each class (row) that are taken for each class, (K, K)."""
+    """Number of samples of each class (row) that are predicted as each class (column), (K, K)."""
     calibration_error: float
     """Expected difference between confidence and accuracy (Guo et al. 2017), ten bins."""
     reliability: np.ndarray
@@ -30,7 +30,8 @@ class Scores:
 
 
 def macro_f1(truth: np.ndarray, predicted: np.ndarray, classes: int) -> np.ndarray:
-    """Mean over the classes of F1, for predictions (..., E) of labels (..., E); a class that neither has is left out."""
+    """Macro-F1 of predictions (..., E) for labels (..., E): the mean over the classes of F1; a class that occurs in neither is left
+    out."""
     scores, present = [], []
     for label in range(classes):
         hits = np.sum((truth == label) & (predicted == label), axis=-1)
@@ -77,7 +78,7 @@ def scores_of(probabilities: np.ndarray, labels: np.ndarray) -> Scores:
 
 
 class Interval(NamedTuple):
-    """A score and its 95 % interval."""
+    """A score and its 95 % confidence interval."""
 
     score: float
     low: float
@@ -93,10 +94,10 @@ DRAWS = 1000
 def interval_of(
     labels: np.ndarray, told: np.ndarray, classes: int, apart: Sequence[Sequence[str]]
 ) -> tuple[Interval, Interval]:
-    """Accuracy and macro-F1 of labels (N,) that were told, with 95 % intervals over other groups of the kinds that are `apart`.
+    """Accuracy and macro-F1 of predictions `told` for labels (N,), with 95 % intervals for other groups of the kinds in `apart`.
 
-    apart: for each kind, as descriptions and subjects, the group of each sample, (N,). Groups of each kind are drawn anew with
-    replacement, independently, and a sample counts by the product of how often its groups were drawn: the pigeonhole bootstrap,
+    apart: for each kind, such as descriptions and subjects, the group of each sample, (N,). Groups of each kind are resampled with
+    replacement, independently, and a sample's weight is the product of how often its groups were drawn: the pigeonhole bootstrap,
     which is conservative for crossed groups (Owen 2007, Ann. Appl. Stat. 1, 386).
     """
     rng, weights = np.random.default_rng(0), np.ones((DRAWS, len(labels)))
@@ -119,38 +120,38 @@ def interval_of(
 
 
 class Event(NamedTuple):
-    """A class over an interval of a recording."""
+    """A class during an interval of a recording."""
 
     begin_s: float
     end_s: float
     label: int
-    """Number of the class."""
+    """Index of the class."""
 
     def shared_s(self, other: Event) -> float:
-        """Time that both last [s]; below 0 where they are apart."""
+        """Time for which both events last [s]; negative where they are apart."""
         return min(self.end_s, other.end_s) - max(self.begin_s, other.begin_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventScores:
-    """How well events that were told agree with those that were."""
+    """How well predicted events agree with true ones."""
 
     f1: float
-    """2 found / (told + true), over all classes and recordings."""
+    """2 found / (predicted + true), over all classes and recordings."""
     found: np.ndarray
-    """Events of each class that were found, (K,)."""
+    """Number of events of each class that were found, (K,)."""
     told: np.ndarray
     true: np.ndarray
     delays_s: np.ndarray
-    """By how much later than it was each found event is told to begin [s]."""
+    """Start of the prediction minus the true start, for each event that was found [s]."""
     false_alarms: np.ndarray
-    """Told events of each class that share no time with one of it, (K,)."""
+    """Number of predicted events of each class that do not overlap with a true one of that class, (K,)."""
     hours: float
-    """Duration of the recordings."""
+    """Duration of the recordings [h]."""
 
     @property
     def false_alarms_per_hour(self) -> np.ndarray:
-        """False alarms of each class in an hour, (K,)."""
+        """False alarms of each class per hour, (K,)."""
         return self.false_alarms / self.hours
 
 

@@ -1,4 +1,5 @@
-"""`train_model`: from maps to a folder with weights, card, curves and pictures; `TrainOptions`, how a network is trained."""
+"""`train_model`: trains a network on maps, and writes weights, card, curves and figures to a folder; `TrainOptions`: how it is
+trained."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ from t2d_rt.types.fields import Count, Fields, Number
 
 
 class TrainOptions(Fields):
-    """The protocol; by default that of the authors of Text2Doppler: Adam at 1e-3, a rate that falls on a plateau, an early stop."""
+    """Options of training; by default those of the authors of Text2Doppler: Adam at 1e-3, a rate that falls on a plateau, early
+    stopping."""
 
     noun: ClassVar[str] = "training"
     model_config = ConfigDict(use_attribute_docstrings=True)
@@ -32,36 +34,38 @@ class TrainOptions(Fields):
     rate: Annotated[Number, Field(gt=0, le=10)] = 1e-3
     """Learning rate of Adam."""
     factor: Annotated[Number, Field(gt=0, lt=1)] = 0.1
-    """Factor by which the rate falls where the loss of the validation no longer does."""
+    """Factor by which the rate falls when the validation loss no longer falls."""
     plateau: Annotated[Count, Field(ge=0, le=10_000)] = 5
-    """Epochs without a lower loss after which it falls; with 10, as the early stop has, it would fall in the last epoch only."""
+    """Number of epochs without a lower loss after which the rate falls; with 10, as for early stopping, it would fall in the last
+    epoch only."""
     patience: Annotated[Count, Field(ge=1, le=10_000)] = 10
-    """Epochs without a lower loss after which training stops."""
+    """Number of epochs without a lower loss after which training stops."""
     schedule: Literal["plateau", "cosine"] = "plateau"
-    """"plateau" lets the rate fall where the loss of the validation no longer does, and stops; "cosine" lets it rise over a seventh
-    of the epochs and fall to nothing along a cosine over the others, all of which are run (Loshchilov and Hutter 2017)."""
+    """"plateau" lowers the rate when the validation loss no longer falls, and stops; "cosine" raises it over a seventh of the
+    epochs and lowers it to zero by a cosine over the others, all of which are run (Loshchilov and Hutter 2017)."""
     smoothing: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
-    """Part of the probability that the classes share, so that no network becomes certain (Szegedy et al. 2016)."""
+    """Label smoothing: probability that is distributed over all classes, so that no network becomes certain (Szegedy et al.
+    2016)."""
     decay: Annotated[Number, Field(ge=0, le=10)] = 0.0
-    """Decay of weights in each step, relative to the rate (Loshchilov and Hutter 2019)."""
+    """Weight decay in each step, relative to the rate (Loshchilov and Hutter 2019)."""
     epochs: Annotated[Count, Field(ge=1, le=10_000)] = 100
-    """Epochs at most."""
+    """Greatest number of epochs."""
     batch: Annotated[Count, Field(ge=2, le=100_000)] = 64
-    """Samples of a step."""
+    """Number of samples in a batch."""
     seed: Annotated[Count, Field(ge=0, le=2**31)] = 0
     """Seed of the weights, the order of the samples and the augmentations."""
     threads: Annotated[Count, Field(ge=1, le=256)] = 1
-    """Threads of torch; the same seed gives the same weights, bit for bit on one machine, with one."""
+    """Number of threads of torch; with one, the same seed gives the same weights, bit for bit on one machine."""
     precision: Literal["float32", "bfloat16"] = "float32"
-    """Numbers of convolutions and matrix products in training; weights are kept in float32. With bfloat16 a processor that has
-    AVX512_BF16 or AMX trains networks of pictures in half the time, and others take longer."""
+    """Number format of convolutions and matrix products in training; weights are kept in float32. With bfloat16 a processor that
+    has AVX512_BF16 or AMX trains networks of pictures in half the time, and others take longer."""
     device: Literal["cpu", "gpu"] = "cpu"
     """Device on which it runs."""
     augment: Augment = Augment()
-    """How samples are changed on the fly; by default they are not."""
+    """How samples are augmented during training; by default they are not."""
 
     def rate_of(self, epoch: int) -> float:
-        """Learning rate of an epoch of the schedule "cosine"."""
+        """Learning rate in an epoch, for the schedule "cosine"."""
         rising = max(1, round(self.epochs / 7))
         if epoch < rising:
             return self.rate * (epoch + 1) / (rising + 1)
@@ -70,7 +74,8 @@ class TrainOptions(Fields):
 
 Progress = Callable[[float], None]
 NOTE = "training.txt"
-"""Hash of what a training follows from; before its first epoch is kept, another may take its place."""
+"""File with a hash of everything on which a training depends; until the first epoch has been stored, another training may replace
+it."""
 
 
 def train_model(
@@ -107,7 +112,7 @@ def train_model(
     with torch_threads(options.threads):
         torch.manual_seed(options.seed)
         network = build(name, len(train.classes), train.size)
-        if hasattr(network, "set_axes"):  # its features are of speeds and times
+        if hasattr(network, "set_axes"):  # its features depend on speeds and times
             network.set_axes(train.velocity_mps, train.duration_s)
         details = {**(about or {}), "options": options.model_dump(mode="json")}
         card = Card.of(name, train, dynamic_range_db, seed=options.seed, about=details)
@@ -123,7 +128,7 @@ def train_model(
 
 @contextmanager
 def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: LabelledMaps) -> Iterator[Path | None]:
-    """The folder, held against other runs, with a note of what is trained in it; None where nothing is written."""
+    """The output folder, checked against other trainings, with a note of what is trained in it; None where nothing is written."""
     if output is None:
         yield None
         return

@@ -1,4 +1,4 @@
-"""Real recordings as labelled maps: one interface, an adapter for each kind of data. Nothing of the data is kept or shipped."""
+"""Real recordings as labelled maps: a common interface, and an adapter for each kind of data. No such data is kept or shipped."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from t2d_rt.learn.maps import LabelledMaps, maps_of
 
 
 def read_dataset(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """Maps of a data set of this program; its samples are events."""
+    """Maps of a data set of this program; its samples count as events."""
     data = Dataset(path)
     maps = maps_of(data, size=options.size, dynamic_range_db=options.dynamic_range_db, speeds_mps=options.cut_mps)
     if options.classes is not None:
@@ -38,9 +38,9 @@ def read_dataset(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, lis
 
 
 def of_recipe(data: Dataset, options: AdapterOptions) -> AdapterOptions:
-    """Options with the carrier and the treatment of static echoes that the recipe of a data set tells.
+    """Options with the carrier and the treatment of static echoes that the data set's recipe specifies.
 
-    Raises InputError where a card tells another, or tells axes: a data set has its own.
+    Raises InputError where a card specifies others, or specifies axes, as a data set has its own.
     """
     card, recipe = card_path(data.path), data.recipe
     carriers = sorted({(condition.radar or recipe.radar).carrier_hz for condition in recipe.conditions})
@@ -69,7 +69,7 @@ DATASET = Adapter(
     axes=lambda path: AXES,
 )
 ADAPTERS: dict[str, Adapter] = {adapter.name: adapter for adapter in (PARRAD, RADHAR, CI4R, PNG, HDF5, NPZ, DATASET)}
-"""By name; a new kind of data is one module and its entry here."""
+"""Adapters by name; a new kind of data needs one module and an entry here."""
 
 __all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "of_recipe", "read_real"]
 
@@ -109,7 +109,7 @@ def read_real(path: str | Path, adapter: str | None = None, options: AdapterOpti
 
 
 def adapter_for(source: Path) -> str:
-    """The name of the adapter for such files."""
+    """The name of the adapter for files of this kind."""
     if source.is_file():
         if source.suffix.lower() in (".h5", ".hdf5"):
             return "hdf5"

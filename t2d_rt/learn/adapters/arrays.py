@@ -1,7 +1,7 @@
-"""Maps in one file of arrays: .npz, or HDF5 with the extra [hdf5].
+"""Maps in a file of arrays: .npz, or HDF5 with the extra [hdf5].
 
-`levels` (sample, speed, time) [dB] and `labels` (sample,) of texts; where they are told, `velocity_mps` (speed,), `duration_s` and
-groups `group_NAME` (sample,) of texts.
+`levels` (sample, speed, time) [dB] and `labels` (sample,) as texts; optionally `velocity_mps` (speed,), `duration_s` and groups
+`group_NAME` (sample,) as texts.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ GROUP = "group_"
 
 
 def read_npz(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """Maps of an .npz file."""
+    """Maps from an .npz file."""
     return _maps(path, npz_arrays(path), options), [path]
 
 
 def npz_arrays(path: Path, only: Collection[str] | None = None) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file by name, all of them or only some; none is unpickled."""
+    """The arrays of an .npz file by name, all or only some; none is unpickled."""
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files if only is None or name in only}
-    except Exception as error:  # NumPy and zipfile raise what they like of a damaged file
+    except Exception as error:  # NumPy and zipfile may raise anything for a damaged file
         raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an .npz file of arrays") from None
 
 
 def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """Maps of an HDF5 file."""
+    """Maps from an HDF5 file."""
     try:
         import h5py
     except ImportError:
@@ -44,7 +44,7 @@ def read_hdf5(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[P
     try:
         with h5py.File(path, "r") as file:
             arrays = {name: _array(file[name]) for name in file if isinstance(file[name], h5py.Dataset)}
-    except Exception as error:  # h5py raises what it likes of a damaged file
+    except Exception as error:  # h5py may raise anything for a damaged file
         raise InputError(f"cannot read {path}: {error or type(error).__name__}; give an HDF5 file of arrays") from None
     return _maps(path, arrays, options), [path]
 
@@ -54,7 +54,7 @@ def _array(stored: Any) -> np.ndarray:
 
 
 def _maps(path: Path, arrays: dict[str, np.ndarray], options: AdapterOptions) -> LabelledMaps:
-    """Maps of arrays by name, which are checked first."""
+    """Maps from arrays by name, which are checked first."""
     for name in ("levels", "labels"):
         if name not in arrays:
             raise InputError(
@@ -87,9 +87,9 @@ def _maps(path: Path, arrays: dict[str, np.ndarray], options: AdapterOptions) ->
 
 
 OWN = {"velocity_mps": "speeds", "duration_s": "duration"}
-"""Arrays that tell an axis."""
+"""Arrays that specify an axis."""
 AWAY = 0.01
-"""Relative difference up to which a card's axis is the file's: rates are given with few figures."""
+"""Relative tolerance between the axis on a card and that in the file, since rates are given with few figures."""
 
 
 def _agrees(path: Path, axis: str, file_value: float, card_value: float, options: AdapterOptions, unit: str) -> None:
@@ -123,7 +123,7 @@ def _pieces(
 
 
 def _greatest_speed(path: Path, value: np.ndarray, count: int) -> float:
-    """Edge of an axis of equal cells about 0, by their middles [m/s]."""
+    """Outer edge of an axis of equal cells about 0 [m/s], from the centres of the cells."""
     velocity = array(f"velocity_mps of {path}", value, (count,), unit="m/s")
     cells = np.diff(velocity)
     if count < 2 or cells.min() <= 0 or np.ptp(cells) > 0.01 * cells.mean():

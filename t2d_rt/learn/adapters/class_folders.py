@@ -1,4 +1,4 @@
-"""Data in a folder for each class: spectrograms as pictures, whose colour or grey tells the level; and point clouds as text."""
+"""Data in one folder per class: spectrograms as pictures, whose colour or grey encodes the level; and point clouds as text."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from t2d_rt.learn.adapters.interface import MAX_BYTES, Adapter, AdapterOptions, 
 from t2d_rt.learn.maps import LabelledMaps
 
 LUMA = np.array([0.299, 0.587, 0.114])
-"""Weights of red, green and blue in grey (ITU-R BT.601)."""
+"""Weights of red, green and blue in the grey value (ITU-R BT.601)."""
 ENDINGS = ".png", ".jpg", ".jpeg", ".bmp"
 MAX_CELLS = 16_000_000
 COLOUR_ERROR = 60.0
-"""Greatest mean distance of a picture's colours from the colour map, of 442 between black and white; JPEG stays far below."""
+"""Greatest mean distance of a picture's colours from the colour map; black and white are 442 apart. JPEG pictures stay far
+below."""
 MOST_CHROMA = 16.0
-"""Greatest mean difference between the channels of a grey picture, of 255; JPEG stays below."""
+"""Greatest mean difference between the channels of a grey picture, on a scale of 255; JPEG pictures stay below."""
 COLOURED, MOST_COLOURED = 32.0, 1e-3
-"""Difference between the channels from which a pixel is coloured, and the most such pixels of a grey picture, as a fraction."""
+"""Difference between the channels from which a pixel counts as coloured, and greatest fraction of such pixels in a grey picture."""
 
 
 def read_pictures(path: Path, options: AdapterOptions, *, colours: str) -> tuple[LabelledMaps, list[Path]]:
-    """A map for every picture; rows are speeds from the greatest down, columns times. The class is the file's folder."""
+    """A map from every picture; rows are speeds from the greatest down, columns are times. The class is the name of the folder."""
     files = files_below(path, ENDINGS, "pictures")
     labels = [file.parent.name for file in files]
     pieces = (
@@ -63,18 +64,18 @@ def _pixels(path: Path) -> np.ndarray:
 
 
 def is_coloured(pixels: np.ndarray) -> bool:
-    """Whether a picture is in colours: a tint of all of it, or a few coloured lines on black."""
+    """Whether a picture has colours: a tint all over, or a few coloured lines on black."""
     chroma = np.ptp(pixels, axis=2)
     return bool(chroma.mean() > MOST_CHROMA or (chroma > COLOURED).mean() > MOST_COLOURED)
 
 
 def picture_adapter(folder: Path) -> str:
-    """The adapter for a folder's pictures, by the first one: grey or in the colour map jet."""
+    """The adapter for a folder of pictures, judged by the first one: grey, or in the colour map jet."""
     return "ci4r" if is_coloured(_pixels(files_below(folder, ENDINGS, "pictures")[0])) else "png"
 
 
 def _fractions(path: Path, colours: str) -> np.ndarray:
-    """Place of each pixel on the colour map, (row, column), 0..1."""
+    """Position of each pixel's colour in the colour map, (row, column), 0..1."""
     pixels = _pixels(path)
     if colours == "grey":
         if is_coloured(pixels):
@@ -111,24 +112,25 @@ PNG = Adapter(
 
 POINT_FIELD = re.compile(r"^\s*(point_id|velocity|intensity|secs|nsecs):\s*(\S+)", re.MULTILINE)
 MOST_OUTLIERS = 1e-3
-"""Fraction of points beyond the axis up to which they are left out: single wrong ones are in every long recording."""
+"""Fraction of points beyond the axis that is tolerated, as every long recording has some wrong points; they are left out."""
 MOST_OF_FILE = 0.1
-"""Fraction of one file's points beyond the axis up to which they are errors."""
+"""Fraction of the points of a single file beyond the axis that is tolerated."""
 FEWEST_SPEEDS = 8
-"""Different speeds by which the distance of a device's Doppler cells is known."""
+"""Number of different speeds from which the spacing of a device's Doppler cells can be found."""
 LONGEST_S = 86_400.0
-"""Longest time that the stamps of one file may span; a wrong stamp would make millions of empty windows."""
+"""Greatest time that the time stamps of a file may span [s]; a wrong stamp would make millions of empty windows."""
 LINES_BYTES = 1 << 20
-"""Bytes of a file of points that are read at a time."""
+"""Number of bytes of a file of points that are read at once."""
 EMPTY_CELL = 1e-6
-"""Power of a cell without points, relative to a point of 0 dB: no logarithm of zero."""
+"""Power of a cell without points, relative to a point of 0 dB, to avoid the logarithm of zero."""
 
 
 def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the file's folder.
+    """A map for every `duration_s` of every file that has points: their power over speed and time. The class is the name of the
+    folder.
 
-    Speed is taken as positive = receding, as the devices of these files tell the rate of range, unless told. A point stands
-    for all speeds of the device's Doppler cell. Single points beyond `speed_mps` are counted and left out.
+    Speeds are taken as positive = receding unless the options say otherwise, because the devices of such files report the rate of
+    change of range. A point stands for all speeds of its Doppler cell. Single points beyond `speed_mps` are counted and left out.
     """
     files = files_below(path, (".txt",), "point clouds")
     clouds = {file: _points(file) for file in files if class_of(file.parent.name, options) is not None}
@@ -139,17 +141,17 @@ def read_point_clouds(path: Path, options: AdapterOptions) -> tuple[LabelledMaps
             f"{short} of {len(files)} files of {path} are shorter than a map of {options.duration_s:g} s and give none; "
             "lower duration_s"
         )
-    options = replace(options, cell_mps=None, rate_hz=None)  # points have no cells but those of the maps
+    options = replace(options, cell_mps=None, rate_hz=None)  # points have no other cells than those of the maps
     pieces = _windows(clouds, rows, options, path)
     return maps_from(pieces, options, path, [file.parent.name for file in files], receding=True), files
 
 
 Cloud = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Time [s], ascending, float64; speed [m/s] as the device tells it, and power, both float32: of each point."""
+"""For each point: time [s], ascending, float64; speed [m/s] as the device reports it, and power, both float32."""
 
 
 def _windows(clouds: Mapping[Path, Cloud], rows: _Rows, options: AdapterOptions, path: Path) -> Iterator[Piece]:
-    """A piece for every whole window of a file that has points."""
+    """A piece for every whole window of the files that have points."""
     for file, (time_s, speed, power) in clouds.items():
         event = file.relative_to(path).as_posix()
         windows = int((time_s[-1] - time_s[0]) / options.duration_s)
@@ -164,16 +166,16 @@ def _windows(clouds: Mapping[Path, Cloud], rows: _Rows, options: AdapterOptions,
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """Rows of maps over speed that are filled by points of a device whose Doppler cells may be wider."""
+    """Rows of a map over speed, which are filled by points from a device whose Doppler cells may be wider."""
 
     step_mps: float
-    """Distance of the speeds that the device tells [m/s]; 0 where they are continuous."""
+    """Spacing of the speeds that the device reports [m/s]; 0 if they are continuous."""
     edges_mps: np.ndarray
     """Edges of the rows [m/s], (row + 1,)."""
 
     @classmethod
     def of(cls, speeds: Sequence[np.ndarray], options: AdapterOptions, path: Path) -> _Rows:
-        """For points of these speeds [m/s]; refuses those of which too many lie beyond the axis."""
+        """Rows for points with these speeds [m/s]; refuses points too many of which lie beyond the axis."""
         all_speeds = np.concatenate([*speeds, [0.0]])
         beyond = np.abs(all_speeds) > options.speed_mps
         worst = max((float((np.abs(speed) > options.speed_mps).mean()) for speed in speeds), default=0.0)
@@ -193,7 +195,7 @@ class _Rows:
         return cls(step if regular else 0.0, np.linspace(-options.speed_mps, options.speed_mps, options.size[0] + 1))
 
     def powers(self, speed: np.ndarray, time_s: np.ndarray, power: np.ndarray, options: AdapterOptions) -> np.ndarray:
-        """Power of points in each cell of a map (speed, time); that of each point is spread over its Doppler cell."""
+        """Power of the points in each cell of a map (speed, time); the power of a point is spread over its Doppler cell."""
         columns = np.minimum((time_s * options.size[1] / options.duration_s).astype(int), options.size[1] - 1)
         half = max(self.step_mps, 1e-9) / 2
         below = np.clip((self.edges_mps[:, None] - speed + half) / (2 * half), 0, 1)
@@ -203,7 +205,7 @@ class _Rows:
 
 
 def _points(path: Path) -> Cloud:
-    """The points of a file, read line by line."""
+    """Reads the points of a file line by line."""
     columns: dict[str, array] = {name: array("d") for name in ("point_id", "velocity", "intensity", "secs", "nsecs")}
     try:
         with regular_file(path, noun="point cloud") as file:

@@ -1,4 +1,4 @@
-"""What every adapter of real data gives: labelled maps, where they come from, under which licence, and the hash of their files."""
+"""Interface of the adapters for real data: each returns labelled maps, with their source, licence and the hash of their files."""
 
 from __future__ import annotations
 
@@ -18,53 +18,54 @@ from t2d_rt.dataset.products import axis
 from t2d_rt.learn.maps import DYNAMIC_RANGE_DB, SIZE, LabelledMaps, check_varied, checked_size, relative_levels
 
 MAX_BYTES = 2_000_000_000
-"""Largest file of real data that is read."""
+"""Greatest size of a file of real data that is read [bytes]."""
 MAX_FILES = 100_000
 
 
 CARD = "card.yaml"
-"""The card of a folder; that of a file has the file's name before it, as maps.npz.card.yaml."""
+"""Name of the card of a folder; for a file the file's name stands before it, as in maps.npz.card.yaml."""
 ON_CARD = "adapter", "classes", "speed_mps", "cell_mps", "duration_s", "rate_hz", "positive", "carrier_hz", "mti"
-"""What a card may tell."""
+"""Keys that a card may have."""
 
 
 AXES = {"speeds": {"speed_mps", "cell_mps"}, "duration": {"duration_s", "rate_hz"}}
-"""What tells each axis of the maps."""
+"""Options that specify each axis of the maps."""
 
 
 def card_path(source: Path) -> Path:
-    """Where the card of a file or a folder lies, if there is one."""
+    """Path of the card of a file or folder, if there is one."""
     return source / CARD if source.is_dir() else source.with_name(f"{source.name}.{CARD}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AdapterOptions:
-    """What the user knows of the data beside the files; adapters of one recorded set ignore what the set itself tells."""
+    """What the user knows about the data beyond the files. Adapters of one particular data set ignore what that set specifies
+    itself."""
 
     adapter: str | None = None
-    """Which adapter reads it; by default the one for such files."""
+    """Name of the adapter; by default the one for files of this kind."""
     classes: Mapping[str, str] | None = None
-    """Class of each label that is used, in the order of the classes; by default each label is a class of its own."""
+    """Class of each label that is used, in the order of the classes; by default each label is its own class."""
     size: tuple[int, int] = SIZE
-    """Cells of speed and of time of the maps."""
+    """Number of cells of speed and of time of the maps."""
     speed_mps: float = 6.4
-    """Greatest speed of the axis, where the files do not tell it [m/s]."""
+    """Greatest speed of the axis [m/s], if the files do not specify it."""
     duration_s: float = 5.0
-    """Time that a map covers, where the files do not tell it [s]."""
+    """Duration of a map [s], if the files do not specify it."""
     cell_mps: float | None = None
     """Width of the files' cells of speed [m/s], in place of the greatest speed."""
     rate_hz: float | None = None
-    """The files' columns a second, in place of the duration."""
+    """Columns per second in the files [Hz], in place of the duration."""
     positive: Literal["approaching", "receding"] | None = None
-    """Which way positive speeds of the files go; by default receding in point clouds, else approaching."""
+    """Direction of positive speeds in the files; by default receding in point clouds, else approaching."""
     carrier_hz: float | None = None
     mti: Literal["mean", "none"] | None = None
-    """How static echoes were taken away."""
+    """How static echoes were removed."""
     cut_mps: tuple[float, float] | None = None
-    """Lowest and highest speed of the maps [m/s], where these are to show less than the files do."""
+    """Lowest and highest speed of the maps [m/s], if these are to show less than the files do."""
     dynamic_range_db: float = DYNAMIC_RANGE_DB
     told: frozenset[str] = frozenset()
-    """Names of these that the card told."""
+    """Names of the options that the card specified."""
 
     def __post_init__(self) -> None:
         checked_size(self.size)
@@ -84,7 +85,7 @@ class AdapterOptions:
             raise InputError(f"classes must map labels to classes, as {{walk to bed: walk}}, got {shown(self.classes)}")
 
     def with_card(self, source: Path) -> AdapterOptions:
-        """These options, and what the card beside a file or in a folder tells; given classes and a given adapter go first."""
+        """These options completed by the card beside a file or in a folder; classes and adapter that are given take precedence."""
         path = card_path(source)
         if not path.is_file():
             return self
@@ -102,7 +103,8 @@ class AdapterOptions:
             raise InputError(f"{path}: {error}") from None
 
     def of_cells(self, speeds: int, times: int) -> AdapterOptions:
-        """These options for maps of so many cells, whose axes follow from a cell's width and the columns a second, if given."""
+        """These options for files with so many cells: speeds and duration follow from the width of a cell and the columns per
+        second, if given."""
         speed_mps = self.speed_mps if self.cell_mps is None else 0.5 * self.cell_mps * speeds
         duration_s = self.duration_s if self.rate_hz is None else times / self.rate_hz
         return replace(self, speed_mps=speed_mps, duration_s=duration_s)
@@ -110,33 +112,33 @@ class AdapterOptions:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Adapter:
-    """A way to read one kind of real data."""
+    """A reader for one kind of real data."""
 
     name: str
     about: str
     licence: str
-    """Terms of the data as far as they are known, in a sentence."""
+    """Terms of use of the data, as far as they are known, in a sentence."""
     read: Callable[[Path, AdapterOptions], tuple[LabelledMaps, list[Path]]]
-    """Maps, and the files that they were read from."""
+    """Function that reads maps, and returns them with the files from which they were read."""
     axes: Callable[[Path], Collection[str]] = lambda path: ()
-    """Which of `AXES` the files themselves tell."""
+    """Function that says which of `AXES` the files themselves specify."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RealMaps:
-    """Maps of real recordings."""
+    """Maps of real recordings, and their origin."""
 
     maps: LabelledMaps
     adapter: str
     licence: str
     sha256: str
-    """Hash of names and content of all files that were read, the card's among them."""
+    """Hash over names and contents of all files that were read, including the card."""
     files: int
     carrier_hz: float | None = None
     mti: str | None = None
-    """How static echoes were taken away, where it is known."""
+    """How static echoes were removed, if it is known."""
     assumed: tuple[str, ...] = ()
-    """Axes that neither the files nor the card told, "speeds" or "duration": the options' were taken."""
+    """Axes that neither the files nor the card specify ("speeds" or "duration"), for which the options' values were assumed."""
 
     def __str__(self) -> str:
         counts = ", ".join(f"{name} {count}" for name, count in zip(self.maps.classes, self.maps.counts, strict=True))
@@ -148,17 +150,17 @@ class RealMaps:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One map as an adapter finds it."""
+    """One map in the form in which an adapter reads it."""
 
     power: np.ndarray
-    """(speed, time), of any unit, over ascending speeds, positive = approaching."""
+    """Power (speed, time) in any unit, over ascending speeds, positive = approaching."""
     label: str
     name: str
     groups: Mapping[str, str]
 
 
 def content_hash(root: Path, files: list[Path]) -> str:
-    """SHA-256 of the names below `root` and the content of files, in the order of their names."""
+    """SHA-256 over the names relative to `root` and the contents of files, in the order of their names."""
     digest = hashlib.sha256()
     for path in sorted(files):
         name = path.relative_to(root if root.is_dir() else root.parent).as_posix()
@@ -170,12 +172,13 @@ def content_hash(root: Path, files: list[Path]) -> str:
 
 
 def class_of(label: str, options: AdapterOptions) -> str | None:
-    """The class of a label; None where the user leaves it out."""
+    """The class of a label; None for a label that the user leaves out."""
     return label if options.classes is None else options.classes.get(label)
 
 
 def class_names(labels: list[str], options: AdapterOptions, path: Path) -> tuple[str, ...]:
-    """Classes in order; all labels of the mapping must occur, so that a misspelt one does not pass for an empty class."""
+    """Names of the classes in order. All labels of the mapping must occur, so that a misspelt one is not taken for an empty
+    class."""
     if options.classes is None:
         return tuple(sorted(set(labels)))
     for label in options.classes:
@@ -187,9 +190,9 @@ def class_names(labels: list[str], options: AdapterOptions, path: Path) -> tuple
 def maps_from(
     pieces: Iterable[Piece], options: AdapterOptions, path: Path, all_labels: list[str], *, receding: bool = False
 ) -> LabelledMaps:
-    """Pieces, brought to one size, as labelled maps; each is held in memory only until the next one comes.
+    """Labelled maps from pieces, which are resampled to a common size; only one piece is in memory at a time.
 
-    receding: which way positive speeds of the pieces go where the options do not tell it.
+    receding: direction of positive speeds in the pieces, if the options do not specify it.
     """
     classes = class_names(all_labels, options, path)
     mirrored = receding if options.positive is None else options.positive == "receding"
@@ -197,7 +200,7 @@ def maps_from(
     names: list[str] = []
     groups: dict[str, list[str]] = {}
     axes: AdapterOptions | None = None
-    # A day of point clouds makes maps of gigabytes: they go into a file without a name, which the system frees with them.
+    # Maps of a day of point clouds take gigabytes: they go into a file without a name, which the system frees with them.
     with tempfile.TemporaryFile(prefix="t2d-rt-") as file:
         for piece in pieces:
             if piece.power.ndim != 2 or min(piece.power.shape) < 2:
@@ -240,7 +243,7 @@ def maps_from(
 
 
 def _rows(options: AdapterOptions, path: Path) -> tuple[float, float]:
-    """The part of the files' speeds that maps show."""
+    """The range of the files' speeds that the maps show [m/s]."""
     if options.cut_mps is None:
         return 0.0, 1.0
     first, last = (0.5 + 0.5 * speed_mps / options.speed_mps for speed_mps in options.cut_mps)
@@ -254,7 +257,7 @@ def _rows(options: AdapterOptions, path: Path) -> tuple[float, float]:
 
 
 def files_below(path: Path, endings: tuple[str, ...], noun: str) -> list[Path]:
-    """Files of a folder and its folders, in order; hidden ones are left out."""
+    """Files in a folder and its subfolders, in order, without hidden ones."""
     folder = file_path(f"the folder of {noun}", path)
     if not folder.is_dir():
         raise InputError(f"{folder} is no folder; give the folder that holds one folder for each class of {noun}")

@@ -1,13 +1,14 @@
-"""PARrad: two 77 GHz radars in one room that see the same person walk, sit down, stand up, fall and get up.
+"""PARrad: two 77 GHz radars in one room that observe the same person walking, sitting down, standing up, falling and getting up.
 
-The file holds for each radar a map of (row, Doppler bin), a row every 0.09 s, bin 64 at rest, and spoken commands by row.
+The file holds for each radar a map of (row, Doppler bin), with a row every 0.09 s and zero speed at bin 64, and spoken commands by
+row.
 
-- Unit. A value is the sum of decibels over the 64 range cells of a range-Doppler map; so says the noise: divided by 64 it has a
-  standard deviation of 1.08 dB and no skewness, where that of simulated noise, of a Hann window and a mean of decibels over 64
+- Unit. A value is the sum of decibels over the 64 range cells of a range-Doppler map. This follows from the noise: divided by 64 it
+  has a standard deviation of 1.08 dB and no skewness; that of simulated noise, with a Hann window and a mean of decibels over 64
   cells, is 0.96 dB, while single cells would have 5.57 dB and a skewness of -1.1 (logarithm of an exponential distribution).
-- Doppler bin. It is not told. The strongest moving cells of walks lie near bin 10 to 12 in both radars, and people walk 1.0 to
-  1.2 m/s in rooms: 0.10 m/s a bin, +-6.4 m/s in all, with an uncertainty of 25 %.
-- Sign. It is not told which side approaches. Classifiers are trained on both.
+- Doppler bin. It is not documented. The strongest moving cells of walks lie near bin 10 to 12 in both radars, and people walk 1.0
+  to 1.2 m/s in rooms: 0.10 m/s a bin, +-6.4 m/s in all, with an uncertainty of 25 %.
+- Sign. Which side approaches is not documented. Classifiers are trained on both.
 - Alignment. A command is spoken 1 to 3 s before the motion: an event begins at the row of least moving power in that time.
 """
 
@@ -28,20 +29,20 @@ from t2d_rt.learn.maps import LabelledMaps, check_varied
 
 RADARS = "wr14", "wr68"
 RANGE_CELLS = 64
-"""Range cells over which the file sums decibels."""
+"""Number of range cells over which the file sums decibels."""
 ROW_S = 0.09
 BINS, ZERO_BIN = 128, 64
 BIN_MPS = 0.10
-"""Estimate, +-25 %; see the module."""
+"""Estimated width of a Doppler bin [m/s], +-25 %; see the module's docstring."""
 NOTCH_BINS = 3
-"""Bins on both sides of zero that static echoes fill: the Hann window's main lobe and its skirts."""
+"""Number of bins on both sides of zero that static echoes fill: the Hann window's main lobe and its skirts."""
 EARLIEST_ROW, LATEST_ROW = 11, 34
 """Rows after a command between which its motion begins: 1 and 3 s."""
 ROWS = 56
 """Rows of a map: 5.04 s."""
 SMOOTHED_ROWS = 9
 DETECTION_DB = 1.25
-"""Mean level over ranges above the noise that counts as moving power."""
+"""Level above the noise, averaged over range, from which a cell counts as moving power [dB]."""
 
 FIVE = {
     "walk to bed": "walk",
@@ -54,15 +55,15 @@ FIVE = {
     "fall on floor of room": "fall",
     "stand up from floor of room": "get up",
 }
-"""Class of each command, five classes."""
+"""Class of each command, for five classes."""
 FOUR = {label: "sit or stand" if name in ("sit down", "stand up") else name for label, name in FIVE.items()}
-"""Four classes: sitting down and standing up are one."""
+"""Class of each command, for four classes: sitting down and standing up are one."""
 
 
 def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list[Path]]:
-    """Maps of both radars of every command that has a class; an event's two maps follow one another.
+    """Maps of both radars for every command that has a class; the two maps of an event are neighbours.
 
-    Size, speeds and duration of the options are left aside: maps are (128, 56), of the radar's own bins and rows.
+    Size, speeds and duration of the options are ignored: maps are (128, 56), with the radar's own bins and rows.
     """
     if options.classes is None:
         options = replace(options, classes=FIVE)
@@ -94,7 +95,8 @@ def read_parrad(path: Path, options: AdapterOptions) -> tuple[LabelledMaps, list
 
 
 def notched(levels_db: np.ndarray) -> np.ndarray:
-    """Maps (..., row, bin) whose bins near zero are at the median of all others, so that static echoes are no greatest cell."""
+    """Maps (..., row, bin) whose bins near zero are set to the median of all others, so that static echoes are not the greatest
+    cell."""
     levels = np.array(levels_db, dtype=np.float64)
     near_zero = np.abs(np.arange(levels.shape[-1]) - ZERO_BIN) <= NOTCH_BINS
     levels[..., near_zero] = np.median(levels[..., ~near_zero], axis=(-2, -1))[..., None, None]
@@ -104,8 +106,8 @@ def notched(levels_db: np.ndarray) -> np.ndarray:
 def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.ndarray]) -> np.ndarray:
     """First row of each event's map, (E,).
 
-    Motions meet where the moving power of both radars together is least, 1 to 3 s after each command. An event that is longer than
-    a map gives its most powerful `ROWS` rows.
+    Between two events it is the row where the moving power of both radars together is least, 1 to 3 s after the command. For an
+    event that is longer than a map, the most powerful `ROWS` rows are used.
     """
     power = sum(np.maximum(radar_db - DETECTION_DB, 0.0).sum(axis=1) for radar_db in above_db.values())
     smooth = np.convolve(power, np.ones(SMOOTHED_ROWS) / SMOOTHED_ROWS, mode="same")
@@ -124,13 +126,13 @@ def aligned(starts: np.ndarray, stops: np.ndarray, above_db: Mapping[str, np.nda
 
 
 def _above_floor(values: np.ndarray) -> np.ndarray:
-    """Mean level over ranges [dB above the noise], (row, bin), without the bins of static echoes."""
+    """Level averaged over range, relative to the noise [dB], (row, bin), without the bins of static echoes."""
     levels = notched(values / RANGE_CELLS)
     return levels - np.median(levels)
 
 
 def _loaded(path: Path) -> dict[str, np.ndarray]:
-    """Maps of both radars (row, bin), and the commands, all of them checked."""
+    """Maps of both radars (row, bin), and the commands, all checked."""
     needed = (*RADARS, "starts", "stops", "labels")
     recording = npz_arrays(path, needed)
     for name in needed:
@@ -155,7 +157,7 @@ def _loaded(path: Path) -> dict[str, np.ndarray]:
 
 
 def _check_commands(path: Path, recording: dict[str, np.ndarray], rows: int) -> None:
-    """Texts, and a first and a last row for each, in ascending order."""
+    """Checks that commands are texts with a first and a last row each, in ascending order."""
     labels = recording["labels"]
     if labels.ndim != 1 or len(labels) == 0 or labels.dtype.kind not in "US":
         raise InputError(

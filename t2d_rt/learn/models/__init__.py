@@ -1,8 +1,8 @@
-"""Networks that classify spectrograms, by name; and parameters and operations of a network, counted as it runs.
+"""Networks that classify spectrograms, by name; and counts of a network's parameters and operations, made while it runs.
 
-A network is its card and a call that makes it untrained: from maps (N, channels, speed, time), 1 at the greatest cell and 0 at the
-end of the dynamic range, to scores (N, classes). Those of other packages are modules with ABOUT, a `ModelCard`, and
-`build(classes, size, channels)` (docs/extend.md).
+A network is described by a card and a function that builds it untrained. It maps inputs (N, channels, speed, time), 1 at the
+greatest cell and 0 at the end of the dynamic range, to scores (N, classes). Networks of other packages are modules with ABOUT, a
+`ModelCard`, and `build(classes, size, channels)` (docs/extend.md).
 """
 
 from __future__ import annotations
@@ -31,47 +31,47 @@ OWN = {
     "vgg-7": "pictures.VGG_7",
     "vit-tiny": "pictures.VIT_TINY",
 }
-"""Module and value of each network, which loads PyTorch."""
+"""Module and value that define each network; loading one loads PyTorch."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Printed:
-    """What Table III of Text2Doppler prints of a model; the headers of its last two columns are exchanged there."""
+    """Figures that Table III of Text2Doppler prints for a model; the headers of its last two columns are exchanged there."""
 
     simple: float
     """Accuracy on Simple [%]."""
     hard: float
     """Accuracy on Hard [%]."""
     gflops: float
-    """Multiplications with their additions [1e9]."""
+    """Multiply-accumulate operations [1e9]."""
     mparams: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCard:
-    """What a model is."""
+    """Description of a model."""
 
     title: str
     source: str
-    """Publication or code that its structure is from."""
+    """Publication or code on which its structure is based."""
     least_size: int = 16
-    """Cells of speed and of time at least."""
+    """Least number of cells of speed and of time."""
     usual_size: int = 64
-    """Cells of speed and of time that `t2d-rt train` takes."""
+    """Number of cells of speed and of time that `t2d-rt train` uses."""
     counted_at: tuple[int, int, int] = (3, 224, 224)
-    """Channels, speed and time at which it is counted beside the table."""
+    """Channels, cells of speed and of time for which its operations are counted for the comparison with the table."""
     printed: Printed | None = None
     note: str = ""
-    """Why its figures differ from the printed ones, where they do."""
+    """Why its figures differ from the printed ones, if they do."""
 
 
 @dataclass(frozen=True, slots=True)
 class Network:
-    """A model by its card, and how it is made."""
+    """A model's card, and the function that builds it."""
 
     about: ModelCard
     build: Callable[[int, tuple[int, int], int], nn.Module]
-    """Makes the network for a number of classes, cells (speed, time) and channels."""
+    """Builds the network for a number of classes, cells (speed, time) and channels."""
 
 
 def model_names() -> list[str]:
@@ -80,7 +80,7 @@ def model_names() -> list[str]:
 
 
 def card(name: str) -> ModelCard:
-    """What a model is, by its name."""
+    """The card of a model, by the model's name."""
     return _network(name).about
 
 
@@ -100,7 +100,7 @@ def build(name: str, classes: int, size: tuple[int, int] = (64, 64), channels: i
 
 
 def _network(name: str) -> Network:
-    """A network by its name, of t2d-rt or of another package."""
+    """A network by its name, from t2d-rt or another package."""
     others = plugins("models", OWN)
     key = str(name).lower().replace("_", "-")
     if key not in OWN and key not in others:
@@ -120,18 +120,18 @@ def _network(name: str) -> Network:
 
 @dataclass(frozen=True, slots=True)
 class Count:
-    """What a network has and does for one map."""
+    """Size of a network, and operations for one map."""
 
     parameters: int
     gflops: float
-    """Multiplications with their additions [1e9], of convolutions, matrix products and recurrent layers; the tables of such
-    networks print these as GFLOPs."""
+    """Multiply-accumulate operations [1e9] of convolutions, matrix products and recurrent layers; tables of such networks print
+    these as GFLOPs."""
     attention_gflops: float
-    """Operations of the products of attention among them; some counters add these twice."""
+    """Those of them in the matrix products of attention; some counters count these twice."""
 
 
 def count(network: nn.Module, size: tuple[int, int, int]) -> Count:
-    """Counts of a network at an input of channels, speed and time."""
+    """Counts parameters and operations of a network for an input of (channels, speed, time)."""
     require_learning()
     import warnings
 
@@ -140,10 +140,10 @@ def count(network: nn.Module, size: tuple[int, int, int]) -> Count:
 
     was_training = network.training
     network.eval()
-    # Without oneDNN an LSTM runs as matrix products, which are counted; with it as one operation, which is not.
+    # Without oneDNN an LSTM runs as matrix products, which are counted; with it as a single operation, which is not.
     with_onednn = not any(isinstance(module, torch.nn.LSTM) for module in network.modules())
     with warnings.catch_warnings(), torch.no_grad(), FlopCounterMode(display=False) as counter:
-        # PyTorch warns so when oneDNN is switched, on any machine without Intel's GPU.
+        # PyTorch warns when oneDNN is switched, on every machine without a GPU by Intel.
         warnings.filterwarnings("ignore", message="TF32 acceleration")
         with torch.backends.mkldnn.flags(enabled=with_onednn):
             network(torch.zeros(1, *size))

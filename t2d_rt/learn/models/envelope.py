@@ -1,4 +1,4 @@
-"""A perceptron on features of a map's Doppler envelope, its activity over time and bands of speed: learns most of few samples."""
+"""A perceptron on features of a map (Doppler envelope, activity over time, bands of speed); it learns most from few samples."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from t2d_rt.learn.models import ModelCard, Network
 WIDTH = 512
 DROPPED_FEATURES, DROPPED = 0.2, 0.5
 FARTHEST = 4.0
-"""Standard deviations at which a feature is clipped."""
+"""Number of standard deviations at which features are clipped."""
 RANGE_DB = 60.0
-"""What an input of 0 stands for, below the greatest cell; of a training with another range levels are stretched alike in use."""
+"""Level that an input of 0 stands for [dB below the greatest cell]; with another dynamic range, levels are stretched in the same
+way in training and in use."""
 HELD = 50_000
-"""Maps whose features are kept: in training the same ones come again in each epoch, and with the next seed."""
+"""Number of maps whose features are cached: in training the same maps come again in each epoch, and with the next seed."""
 _kept = LastUsed[np.ndarray](HELD)
 """Features by a hash of the map and its axes."""
 CELLS = 1.5
-"""Cells by which the fastest speeds of both signs may differ: an even number of Doppler bins has one more of one sign."""
+"""Number of cells by which the greatest speeds of both signs may differ: an even number of Doppler bins has one more on one
+side."""
 AXIS = 9.8598, 5.0
-"""Greatest speed [m/s] and duration [s] where no training has set them."""
+"""Default axes until a training sets them: greatest speed [m/s] and duration [s]."""
 
 
 class Envelope(nn.Module):
-    """Maps to features, and those to scores."""
+    """Network that computes features of maps, and scores from these."""
 
     velocity_mps: Tensor
     duration_s: Tensor
@@ -54,9 +56,9 @@ class Envelope(nn.Module):
         )
 
     def set_axes(self, velocity_mps: np.ndarray, duration_s: float) -> None:
-        """Speeds of the rows [m/s] and what a map covers [s], which are kept with the weights.
+        """Sets the speeds of the rows [m/s] and the duration of a map [s], which are stored with the weights.
 
-        Raises InputError where the maps are too short or too coarse for steps, or have other speeds approaching than receding.
+        Raises InputError where maps are too short or too coarse for steps, or where approaching and receding speeds differ.
         """
         first, last = float(velocity_mps[0]), float(velocity_mps[-1])
         if abs(first + last) > CELLS * (last - first) / (len(velocity_mps) - 1):
@@ -69,7 +71,7 @@ class Envelope(nn.Module):
         self.duration_s.fill_(duration_s)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes) of maps (N, channels, speed, time)."""
+        """Scores (N, classes) for maps (N, channels, speed, time)."""
         levels = (maps.detach().cpu().numpy() - 1.0) * RANGE_DB
         rows = [np.concatenate([self._cached_features(channel) for channel in level]) for level in levels]
         table = torch.from_numpy(np.stack(rows)).to(maps.device)
@@ -77,7 +79,7 @@ class Envelope(nn.Module):
         return scores
 
     def _cached_features(self, levels: np.ndarray) -> np.ndarray:
-        """Features of a map, which are kept by a hash of the map and its axes: in training each map comes in every epoch."""
+        """Features of a map, cached by a hash of the map and its axes, because in training each map comes in every epoch."""
         axes = self.velocity_mps.cpu().numpy().tobytes() + self.duration_s.cpu().numpy().tobytes()
         key = hashlib.blake2b(axes + levels.tobytes(), digest_size=16).digest()
         return _kept.get(key, partial(self._features, levels))

@@ -1,4 +1,4 @@
-"""Networks that take a map for a picture: VGG-7, and MONAI's ResNet-18 and ViT-Tiny (Table III of Text2Doppler)."""
+"""Networks that treat a map as a picture: VGG-7, and MONAI's ResNet-18 and ViT-Tiny (Table III of Text2Doppler)."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.learn.models import ModelCard, Network, Printed
 
 VGG_WIDTHS = 24, 48, 64, 64, 128, 128
-"""Pairs as in VGG; of such widths these come nearest to the printed parameters and operations."""
+"""Channels of the convolutions, in pairs as in VGG; of such widths these come closest to the printed parameters and operations."""
 
 
 def vgg_7(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """Six convolutions of 3 x 3 in pairs, each pair followed by pooling, the mean over the map, and one linear layer."""
+    """Six 3 x 3 convolutions in pairs, each pair followed by pooling; then the mean over the map and a linear layer."""
     layers: list[nn.Module] = []
     for number, (in_channels, width) in enumerate(pairwise((channels, *VGG_WIDTHS))):
         layers += [nn.Conv2d(in_channels, width, 3, padding=1, bias=False), nn.BatchNorm2d(width), nn.ReLU()]
@@ -34,8 +34,8 @@ VGG_7 = Network(
 
 
 def resnet_18(classes: int, size: tuple[int, int], channels: int) -> nn.Module:
-    """ResNet-18 with a stem of 7 x 7 at a stride of 2."""
-    from monai.networks.nets import resnet18  # takes seconds to load, for which VGG-7 does not wait
+    """ResNet-18 with a 7 x 7 first convolution at stride 2."""
+    from monai.networks.nets import resnet18  # loaded here, as it takes seconds and VGG-7 does not need it
 
     network: nn.Module = resnet18(
         spatial_dims=2,
@@ -58,13 +58,15 @@ RESNET_18 = Network(
 )
 
 COARSE = 128
-"""Cells of a map from which on a token of ViT-Tiny covers 16 x 16 of them, below 8 x 8, so that there are 64 tokens or more."""
+"""Number of cells of a map from which on a token of ViT-Tiny covers 16 x 16 of them; below that 8 x 8, so that there are at least
+64 tokens."""
 IDLE_PARAMETERS = 12 * (4 * 192 * 192 + 192)
-"""Parameters of cross-attention in the twelve layers of ViT-Tiny, which MONAI 1.4 had: queries, keys, values and output."""
+"""Number of parameters of the cross-attention in the twelve layers of ViT-Tiny, which MONAI 1.4 had: queries, keys, values and
+output."""
 
 
 class VitTiny(nn.Module):
-    """Twelve layers of three heads on tokens of 192 numbers; MONAI's network gives the states of its layers beside the scores.
+    """Twelve layers with three heads on tokens of 192 numbers; MONAI's network also returns the states of its layers.
 
     Raises InputError where whole tokens do not cover the map.
     """
@@ -91,7 +93,7 @@ class VitTiny(nn.Module):
         )
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes) of maps (N, channels, speed, time)."""
+        """Scores (N, classes) for maps (N, channels, speed, time)."""
         scores: Tensor = self.network(maps)[0]
         return scores
 

@@ -1,4 +1,4 @@
-"""Networks that run over the time of a map: convolutions, then recurrent layers (Table III of Text2Doppler)."""
+"""Networks with convolutions followed by recurrent layers over the time of a map (Table III of Text2Doppler)."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from torch import Tensor, nn
 from t2d_rt.learn.models import ModelCard, Network, Printed
 
 FEATURES = 64
-"""Channels that the convolutions over time give."""
+"""Number of channels after the convolutions over time."""
 HIDDEN, WIDTH = 32, 128
-"""State of each direction of a recurrent layer in both directions; channels of the CRNN's convolutions."""
+"""Size of the state in each direction of a bidirectional layer; number of channels of the CRNN's convolutions."""
 NARROW = 8
-"""Channels between the two convolutions of eight instants of Conv1D-ALSTM-FCN."""
+"""Number of channels between the two convolutions over eight instants of Conv1D-ALSTM-FCN."""
 
 
 def convolutions_over_time(speeds: int) -> nn.Sequential:
-    """Two convolutions over time, (N, channels, speed, T) to (N, 64, T / 2): each speed of each channel is a channel of its own."""
+    """Two convolutions over time, (N, channels, speed, T) to (N, 64, T / 2); each speed of each channel is an input channel."""
     return nn.Sequential(
         nn.Flatten(1, 2),
         nn.Sequential(
@@ -32,7 +32,7 @@ def convolutions_over_time(speeds: int) -> nn.Sequential:
 
 
 class Conv1dLstm(nn.Module):
-    """The last state of an LSTM over convolved instants, and the greatest of their features at any time."""
+    """Convolutions over time and an LSTM; scores from its last state and from the maximum over time of the convolved features."""
 
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
@@ -41,7 +41,7 @@ class Conv1dLstm(nn.Module):
         self.head = nn.Linear(2 * FEATURES, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes) of maps (N, channels, speed, time)."""
+        """Scores (N, classes) for maps (N, channels, speed, time)."""
         sequence = self.encoder(maps)
         states = self.recurrent(sequence.transpose(1, 2))[0]
         scores: Tensor = self.head(torch.cat([states[:, -1], sequence.amax(dim=2)], dim=1))
@@ -61,7 +61,7 @@ CONV1D_LSTM = Network(
 
 
 class Attention(nn.Module):
-    """The sum over time of a sequence (N, T, C), weighted by how much each instant tells."""
+    """Attention pooling: the sum over time of a sequence (N, T, C) with learned weights for each instant."""
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -74,7 +74,7 @@ class Attention(nn.Module):
 
 
 class Conv1dAlstmFcn(nn.Module):
-    """Three recurrent layers in both directions, whose instants attention weights, beside two convolutions of eight instants."""
+    """Two branches: three bidirectional recurrent layers with attention pooling, and two convolutions over eight instants."""
 
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class Conv1dAlstmFcn(nn.Module):
         self.head = nn.Linear(2 * HIDDEN + FEATURES, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes) of maps (N, channels, speed, time)."""
+        """Scores (N, classes) for maps (N, channels, speed, time)."""
         sequence = self.encoder(maps)
         attended = self.attention(self.recurrent(sequence.transpose(1, 2))[0])
         scores: Tensor = self.head(torch.cat([attended, self.beside(sequence).mean(dim=2)], dim=1))
@@ -114,9 +114,9 @@ CONV1D_ALSTM_FCN = Network(
 
 
 class Crnn(nn.Module):
-    """Three convolutions of 5 x 5 that merge the speeds, then two recurrent layers in both directions over what is left of time.
+    """Three 5 x 5 convolutions that reduce the speeds, then two bidirectional recurrent layers over the remaining instants.
 
-    Where pooling leaves several speeds, their mean is taken.
+    If several speeds remain after pooling, their mean is used.
     """
 
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
@@ -131,7 +131,7 @@ class Crnn(nn.Module):
         self.head = nn.Linear(2 * HIDDEN, classes)
 
     def forward(self, maps: Tensor) -> Tensor:
-        """Scores (N, classes) of maps (N, channels, speed, time)."""
+        """Scores (N, classes) for maps (N, channels, speed, time)."""
         sequence = self.encoder(maps).mean(dim=2).transpose(1, 2)
         scores: Tensor = self.head(self.recurrent(sequence)[0][:, -1])
         return scores

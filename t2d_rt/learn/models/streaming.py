@@ -1,4 +1,5 @@
-"""A small causal network for a radar that runs on: it takes one column of a spectrogram at a time and tells the class so far.
+"""A small causal network for continuous operation of a radar: it processes one column of a spectrogram at a time and classifies
+what it has seen so far.
 
 Maps may have any duration.
 """
@@ -17,22 +18,23 @@ WIDTH, TAPS, DILATIONS = 64, 3, (1, 2, 4)
 
 @dataclass(frozen=True, slots=True)
 class StreamState:
-    """What the network keeps between two columns."""
+    """State of the network between two columns."""
 
     before: tuple[Tensor, ...]
-    """Inputs of each convolution over time, (N, WIDTH, (TAPS - 1) x dilation)."""
+    """Latest inputs of each convolution over time, (N, WIDTH, (TAPS - 1) x dilation)."""
     hidden: Tensor
     """State of the GRU, (1, N, WIDTH)."""
     total: Tensor
-    """Sum of its outputs, (N, WIDTH)."""
+    """Sum of the GRU's outputs so far, (N, WIDTH)."""
     greatest: Tensor
-    """Greatest of them, (N, WIDTH)."""
+    """Maximum of the GRU's outputs so far, (N, WIDTH)."""
     count: int
-    """Columns so far."""
+    """Number of columns so far."""
 
 
 class Streaming(nn.Module):
-    """Speeds of a column to 64 features, convolutions over the past, a GRU; mean and greatest of its outputs make the scores."""
+    """A linear layer from the speeds of a column to 64 features, causal convolutions over time, and a GRU; scores from the mean and
+    the maximum of its outputs."""
 
     def __init__(self, classes: int, size: tuple[int, int], channels: int) -> None:
         super().__init__()
@@ -56,7 +58,7 @@ class Streaming(nn.Module):
         return scores
 
     def begun(self, count: int, like: Tensor | None = None) -> StreamState:
-        """The state before the first column of so many maps."""
+        """The state before the first column, for `count` maps."""
         base = self.head.weight if like is None else like
         return StreamState(
             before=tuple(base.new_zeros(count, WIDTH, (TAPS - 1) * dilation) for dilation in DILATIONS),
@@ -67,7 +69,7 @@ class Streaming(nn.Module):
         )
 
     def step(self, columns: Tensor, state: StreamState) -> tuple[Tensor, StreamState]:
-        """Scores after one or more further columns (N, channels, speed, T), and the state there."""
+        """Scores after one or more further columns (N, channels, speed, T), and the new state."""
         sequence = self.mixed(self.column(columns).flatten(1, 2))
         before = []
         for convolution, norm, earlier in zip(self.causal, self.norms, state.before, strict=True):
