@@ -9,15 +9,6 @@ from t2d_rt.accuracy.plans import Plan
 from t2d_rt.accuracy.search import warn_out_of_reach
 
 __all__ = [
-    "Plan",
-    "Wanted",
-    "check_memory",
-    "chosen",
-    "measured_directly",
-    "measured_error",
-    "nmse_db",
-    "plan",
-    "plan_again",
-    "warn_of_miss",
-    "warn_out_of_reach",
-]
+    "Plan", "Wanted", "check_memory", "chosen", "measured_directly", "measured_error", "nmse_db", "plan", "plan_again",
+    "warn_of_miss", "warn_out_of_reach",
+]  # fmt: skip

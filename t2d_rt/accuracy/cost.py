@@ -46,20 +46,9 @@ million)."""
 MADE_ALONG = 0.5
 """Cost of refining a facet together with others, relative to refining it by itself."""
 KINDS = (
-    "call",
-    "ADC sample",
-    "refined facet",
-    "facet of a path pair",
-    "facet of a frame",
-    "diffuse point of a frame",
-    "ellipsoids of a frame",
-    "occluding vertex",
-    "ray",
-    "point between vertices",
-    "obstacle",
-    "path pair",
-    "clutter",
-)
+    "call", "ADC sample", "refined facet", "facet of a path pair", "facet of a frame", "diffuse point of a frame",
+    "ellipsoids of a frame", "occluding vertex", "ray", "point between vertices", "obstacle", "path pair", "clutter",
+)  # fmt: skip
 """Kinds of work, each of which has a fitted time per unit; free space counts as one path pair."""
 PATCHES_PER_FACET, PATCHES_PER_ROOT = 0.35, 70.0
 """Greatest number of patches over one path pair: so many for each facet, and so many for the root of the number of facets, as finer

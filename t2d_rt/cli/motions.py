@@ -24,17 +24,8 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 40
 STEP_FIELDS = {
-    "action",
-    "manner",
-    "direction",
-    "speed",
-    "body_part",
-    "object",
-    "type",
-    "side",
-    "count",
-    "duration_s",
-}
+    "action", "manner", "direction", "speed", "body_part", "object", "type", "side", "count", "duration_s",
+}  # fmt: skip
 """Slots of a step."""
 FEWER = 1
 """Exit code where fewer descriptions were written than asked for."""

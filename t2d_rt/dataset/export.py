@@ -36,19 +36,9 @@ CARD = Path(__file__).with_name("data_card.md")
 ALL = "all"
 """Name of the only side of a data set that is not split."""
 LABELS = (
-    "file",
-    "index",
-    "class",
-    "label",
-    "condition",
-    "description",
-    "sentence",
-    "seed",
-    "distance_m",
-    "angle_deg",
-    "snr_db",
+    "file", "index", "class", "label", "condition", "description", "sentence", "seed", "distance_m", "angle_deg", "snr_db",
     "passed",
-)
+)  # fmt: skip
 """First columns of labels.csv, followed by those of the picture's axes and levels."""
 
 

@@ -95,15 +95,8 @@ class Summary:
         if self.seconds_left is not None:
             lines.append(f"a run goes on; at its rate the whole recipe is done in {_time(self.seconds_left)}")
         head = (
-            "class",
-            "samples",
-            "descriptions",
-            "pass",
-            "made [s]",
-            "SNR [dB]",
-            "receding [m/s]",
-            "approaching [m/s]",
-        )
+            "class", "samples", "descriptions", "pass", "made [s]", "SNR [dB]", "receding [m/s]", "approaching [m/s]",
+        )  # fmt: skip
         lines += _table([head, *(_row(summary) for summary in self.classes)])
         balance = "class", "angle [deg]", "range [m]", "moving", "approaching"
         lines += _table([balance, *(_balance(summary) for summary in self.classes)])

@@ -7,17 +7,6 @@ from t2d_rt.geometry.surface_points import SurfacePoints, hash_uniform, point_sp
 from t2d_rt.geometry.vectors import winding
 
 __all__ = [
-    "Refinement",
-    "SubdividedMesh",
-    "SurfacePoints",
-    "crease_corners",
-    "curvature",
-    "curved_refinements",
-    "hash_uniform",
-    "point_spacing",
-    "refinements",
-    "sharp_edges",
-    "surface_points",
-    "topology",
-    "winding",
-]
+    "Refinement", "SubdividedMesh", "SurfacePoints", "crease_corners", "curvature", "curved_refinements", "hash_uniform",
+    "point_spacing", "refinements", "sharp_edges", "surface_points", "topology", "winding",
+]  # fmt: skip

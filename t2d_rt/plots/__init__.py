@@ -14,16 +14,8 @@ from t2d_rt.plots.figures import (
 from t2d_rt.plots.parts import plot_parts, plot_stacked_parts
 
 __all__ = [
-    "VELOCITY_LABEL",
-    "plot_comparison",
-    "plot_parts",
-    "plot_point_cloud",
-    "plot_range_angle",
-    "plot_range_doppler",
-    "plot_range_time",
-    "plot_scene",
-    "plot_spectrogram",
-    "plot_stacked_parts",
-]
+    "VELOCITY_LABEL", "plot_comparison", "plot_parts", "plot_point_cloud", "plot_range_angle", "plot_range_doppler",
+    "plot_range_time", "plot_scene", "plot_spectrogram", "plot_stacked_parts",
+]  # fmt: skip
 
 globals().update({name: public(globals()[name]) for name in __all__})

@@ -5,17 +5,6 @@ from t2d_rt.scene.room import Opening, Piece, Room, Slab
 from t2d_rt.scene.xml import save_scene
 
 __all__ = [
-    "CeilingFan",
-    "Curtain",
-    "Door",
-    "Mover",
-    "Opening",
-    "OwnMover",
-    "Pet",
-    "Piece",
-    "Room",
-    "Slab",
-    "TableFan",
-    "mover",
+    "CeilingFan", "Curtain", "Door", "Mover", "Opening", "OwnMover", "Pet", "Piece", "Room", "Slab", "TableFan", "mover",
     "save_scene",
-]
+]  # fmt: skip

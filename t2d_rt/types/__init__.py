@@ -16,34 +16,10 @@ from t2d_rt.types.scatterer import EchoStream, stream
 from t2d_rt.types.scene import Scene, Surface
 
 __all__ = [
-    "CANONICAL_JOINTS",
-    "CANONICAL_PARENTS",
-    "OPTIONAL_JOINTS",
-    "PEC",
-    "Accuracy",
-    "Breathing",
-    "ByPart",
-    "Carried",
-    "EchoArrays",
-    "EchoStream",
-    "Echoes",
-    "Ellipsoids",
-    "Heartbeat",
-    "Material",
-    "Motion",
-    "MovingMesh",
-    "OneWayPath",
-    "PathPair",
-    "PathSet",
-    "PathTier",
-    "Radar",
-    "RadarTrack",
-    "Receiver",
-    "Scene",
-    "StaticPath",
-    "Surface",
-    "stream",
-]
+    "CANONICAL_JOINTS", "CANONICAL_PARENTS", "OPTIONAL_JOINTS", "PEC", "Accuracy", "Breathing", "ByPart", "Carried",
+    "EchoArrays", "EchoStream", "Echoes", "Ellipsoids", "Heartbeat", "Material", "Motion", "MovingMesh", "OneWayPath",
+    "PathPair", "PathSet", "PathTier", "Radar", "RadarTrack", "Receiver", "Scene", "StaticPath", "Surface", "stream",
+]  # fmt: skip
 
 for _each in __all__:
     if isinstance(globals()[_each], type):

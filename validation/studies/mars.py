@@ -24,14 +24,9 @@ from validation.studies.common import table, write_whole
 from validation.studies.points import LIMIT
 
 MEASURES = (
-    "points a frame",
-    "height over the radar [m]",
-    "spread in height [m]",
-    "speed [m/s]",
-    "points at rest",
-    "range [m]",
+    "points a frame", "height over the radar [m]", "spread in height [m]", "speed [m/s]", "points at rest", "range [m]",
     "frames with points",
-)
+)  # fmt: skip
 """Of a movement: median number of points of the frames that have any; of the points the median height, what lies between 10
 and 90 % of the heights, the mean absolute speed, the part of speed 0, the median range; part of the frames that have any."""
 RATE_HZ, KINECT_JOINTS = 10.0, 25

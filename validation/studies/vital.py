@@ -34,17 +34,8 @@ RATES, DEPTHS = 0.02, 0.05
 BANDS_HZ = (0.2, 0.45), (0.45, 0.75), (0.75, 1.05), (1.05, 2.0), (2.0, 4.0)
 """Of the displacement's spectrum, whose powers are told over that of the first."""
 HEAD = [
-    "what",
-    "range [m]",
-    "breaths [Hz]",
-    "breath [mm]",
-    "record [mm]",
-    "heart [Hz]",
-    "beat [mm]",
-    "line [dB]",
-    "bands [dB]",
-    "",
-]
+    "what", "range [m]", "breaths [Hz]", "breath [mm]", "record [mm]", "heart [Hz]", "beat [mm]", "line [dB]", "bands [dB]", "",
+]  # fmt: skip
 
 
 def at_rest(posture: str, seed: int) -> Motion:

@@ -61,20 +61,9 @@ def _corners(rng: np.random.Generator, vertices: np.ndarray, faces: np.ndarray) 
     how = pick(
         rng,
         (
-            "one",
-            "one",
-            "one",
-            "a face of one corner",
-            "all",
-            "none",
-            "many",
-            "twice",
-            "turned",
-            "quads",
-            "digons",
-            "unused",
+            "one", "one", "one", "a face of one corner", "all", "none", "many", "twice", "turned", "quads", "digons", "unused",
         ),
-    )
+    )  # fmt: skip
     if how == "one":
         faces[corner] = value
     elif how == "a face of one corner":

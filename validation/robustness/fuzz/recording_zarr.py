@@ -102,18 +102,10 @@ def _files(rng: np.random.Generator, place: Path) -> str:
     how = pick(
         rng,
         (
-            "gone",
-            "as another",
-            "link",
-            "link to zeros",
-            "pipe",
-            "folder",
-            "unreadable",
-            "link outside",
-            "extra",
+            "gone", "as another", "link", "link to zeros", "pipe", "folder", "unreadable", "link outside", "extra",
             "the whole a link",
         ),
-    )
+    )  # fmt: skip
     name = path.relative_to(place)
     if how == "as another" and path.is_file():
         path.write_bytes(other.read_bytes())

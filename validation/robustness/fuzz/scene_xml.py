@@ -182,20 +182,10 @@ def _element(rng: np.random.Generator, text: str, _: Path) -> tuple[str, str]:
             tag = pick(
                 rng,
                 (
-                    "shape",
-                    "bsdf",
-                    "string",
-                    "float",
-                    "include",
-                    "default",
-                    "integer",
-                    "boolean",
-                    "rgb",
-                    "spectrum",
-                    "point",
+                    "shape", "bsdf", "string", "float", "include", "default", "integer", "boolean", "rgb", "spectrum", "point",
                     "sensor",
                 ),
-            )
+            )  # fmt: skip
             told.append(f"{lines[at].strip()} as {tag}")
             lines[at] = re.sub(r"(</?)\w+", rf"\g<1>{tag}", lines[at])
         elif how == "transform":
