@@ -1,4 +1,4 @@
-"""The pipeline on one screen: set up -> choose the accuracy -> echoes -> ADC cube -> recording."""
+"""`simulate` and `run`, the whole pipeline on one screen: set up -> choose the accuracy -> echoes -> ADC cube -> recording."""
 
 from __future__ import annotations
 
@@ -87,42 +87,44 @@ def simulate(
     Parameters
     ----------
     target: a `Motion`, the name of a motion file or of a bundled motion (`examples`), a `MovingMesh`, `Ellipsoids`, a mover, or a
-        list of these. A motion becomes a mesh or ellipsoids, as `method` says. If its `placed` is False it is put in front of the
-        radar (see `place`), if that is None with a warning; `Recording.settings["placement"]` tells what was done.
+        list of these. A motion becomes a mesh or ellipsoids, according to `method`. If its `placed` is False it is put in front of
+        the radar (see `place`); if that is None, likewise but with a warning. `Recording.settings["placement"]` says what was done.
         The record is the time that all targets have in common, and begins at 0; movers last as long as the record.
     radar: a `Radar`, a preset's name (`presets`) or a .yaml file; the `table2` preset by default.
     scene: "free_space", a room by name, a Mitsuba/Sionna XML file, a `Room` or a `Scene`.
     tolerance_db: greatest error of the targets' field [dB], its energy relative to the field's own, against a converged model.
         Model, facets, rates, visibility and path tiers are chosen to keep to it (`plan` shows the choice). A small body or mesh in
-        free space whose measured error misses it is simulated again, up to twice, each time more finely.
+        free space whose measured error exceeds it is simulated again, up to twice, each time more finely.
     accuracy: an `Accuracy`, or a mapping of its fields, that says how finely targets are modelled; with a tolerance the fields that
-        it sets stay. The default comes to -15 to -31 dB in free space, worst where a body hides much of itself, and to -11 to -20
-        dB in rooms.
+        it sets are kept. The default has a field error of -15 to -31 dB in free space, worst where a body hides much of itself, and
+        of -11 to -20 dB in rooms.
     reflections: greatest number of reflections, counted on the paths out and back together.
     transmissions: greatest number of thin slabs that they pass through, counted likewise; 2 for a target behind a partition.
-    bounces: greatest number of bounces off targets on the way, beside the scene's reflections: 1 is an ordinary echo, 2 adds those
-        between two limbs, a body and what it holds, or two bodies, 3 those of corners; by ray tubes, on the direct paths alone, of
-        meshes that do not rotate fast. Walls do not block the way from one target to another, and polarisation is kept as if
-        every fold were upright. A walk takes some twenty times as long with 2.
+    bounces: greatest number of bounces off targets, in addition to the scene's reflections: 1 is an ordinary echo; 2 adds echoes
+        between two limbs, between a body and a thing that it carries, or between two bodies; 3 adds those of corners. They are
+        traced by ray tubes, on the direct path only, between meshes that do not rotate fast. Walls do not block the path from one
+        target to another, and polarisation is preserved as if every fold were vertical. With 2, a walk takes some twenty times as
+        long.
     clutter: echoes of the static scene, occluded by the targets: "specular" (up to 3 reflections), "diffuse" or "none".
-    collisions: what becomes of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the
-        record just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
+    collisions: treatment of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the record
+        just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
     method: "mesh" is physical optics of the body's surface, "ellipsoid" has one echo for each segment of the body.
     seed: seed of the diffuse points, and of noise; the same seed gives the same cube bit for bit.
-    noise: what the receiver adds to the samples, once their error is measured: "none"; "receiver", with typical values for the
-        radar's band; a YAML file or a mapping of a `Receiver`'s fields, or a `Receiver`. `Recording.snr_db` tells the outcome.
+    noise: what the receiver adds to the samples, after their error has been measured: "none"; "receiver", with typical values for
+        the radar's band; a YAML file or a mapping of a `Receiver`'s fields, or a `Receiver`. See `Recording.snr_db` for the result.
     body: the body template that motions are skinned with.
-    material: material of all but movers and what is carried; by default a body is "skin" and a mesh keeps its own. Bodies may
-        wear an `Outfit`: "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
-    phase_from: point of an ellipsoid that its phase comes from: the "specular" point, or the "centre" as in the Text2Doppler paper.
+    material: material of all targets except movers and things that are carried; by default a body is "skin" and a mesh keeps its
+        own. Bodies may wear an `Outfit`: "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
+    phase_from: point of an ellipsoid at which its phase is taken: the "specular" point, or the "centre" as in the Text2Doppler
+        paper.
     only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name
-        * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on which are on, so that
-        recordings of the parts add up to that of the whole; clutter and noise are in each of them.
+        * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on the choice, so that
+        recordings of parts add up to that of the whole; clutter and noise are in each of them.
     without_paths: names of path pairs that have no echoes.
     measure_error: whether `Recording.error_db` is measured, at a few random chirps; by default where a tolerance is given.
     split: the recording's `parts`, which add up to it: by "segment" of the bodies, "path" pair, "target" or number of "bounce"s.
     device: "cpu", "gpu" (a CUDA device), or "auto" for a CUDA device where there is one and the CPU elsewhere.
-    memory_gb: most memory that the run may take [GB]; it works in blocks to stay below, and what needs more is refused beforehand.
+    memory_gb: greatest memory that the run may take [GB]; it works in blocks to stay below, and refuses in advance what needs more.
     progress: True shows a bar, or a line now and then in a log; a function is called with the fraction done, 0..1, which never
         falls.
     """
@@ -146,22 +148,23 @@ def simulate_radars(
     starts_s: Sequence[float] | None = None,
     **options: Any,
 ) -> list[Recording]:
-    """Recordings of the same targets by several radars on one clock, each with the samples that it has alone.
+    """Recordings of the same targets by several radars on one clock; without interference, each is what `simulate` makes for it.
 
-    Noise is drawn anew for each radar: the receiver of radar n, from 0, has the seed `seed` + n `NEXT_SEED`, where `seed` is the
-    receiver's own or the simulation's. Alone, a radar has the same samples with a receiver of that seed.
+    Noise is drawn independently for each radar: the receiver of radar n, from 0, has the seed `seed` + n `NEXT_SEED`, where `seed`
+    is the receiver's own or the simulation's. With a receiver of that seed, `simulate` makes the same samples for a single radar.
 
-    target: as of `simulate`; motions that are not placed are put before the first radar.
-    radars: as the `radar` of `simulate`, at least one; `types.radar_pairs.bistatic` makes one of the transmitters of one radar and
-        the receivers of another.
-    interference: whether each radar hears the chirps of all others beside the noise that it has, over the line of sight; walls
-        and targets between are ignored, and echoes of these chirps are not modelled. When their chirps begin is drawn for each
-        radar that hears them, as if clocks were not in step, or follows from `starts_s`.
-    starts_s: with interference: when the first sweep of each radar begins on one clock [s]; it is not heard before. starts_s moves
-        interference only: all echoes begin at the record's first instant, so that offsets should be short beside movement.
-    options: of `simulate`, for all of them.
+    target: as in `simulate`; motions that are not placed are put in front of the first radar.
+    radars: at least one, each as the `radar` of `simulate`; `types.radar_pairs.bistatic` makes a radar from the transmitters of one
+        and the receivers of another.
+    interference: whether each radar receives the chirps of all others over the line of sight, in addition to its noise; walls and
+        targets in between are ignored, and echoes of these chirps are not modelled. The starts of their chirps are drawn for each
+        radar that receives them, as if clocks were not synchronised, or follow from `starts_s`.
+    starts_s: with interference, the start of each radar's first sweep on a common clock [s], before which it does not interfere.
+        It shifts interference only: all echoes begin at the record's first instant, so the differences should be too short for
+        targets to move much.
+    options: further options of `simulate`, for all radars.
 
-    All records must begin at one instant: a track that begins after the targets, unless all do, is refused.
+    All records must begin at the same instant: a track that begins after the targets is refused, unless all tracks do.
     """
     if "radar" in options:
         raise InputError(f"radars takes the place of radar, got radar {shown(options['radar'])} as well; leave it out")
@@ -214,8 +217,9 @@ def run(
     tolerance_db: float | None = None, measure_error: bool | None = None, split: Split | None = None, device: Device = "auto",
     memory_gb: float = LIMIT_GB, progress: Progress | bool | None = None,
 ) -> Recording:  # fmt: skip
-    """The recording of an experiment, whose file names are relative to the working directory; or that of a recording again.
-    It keeps its own accuracy unless another one is given: the same samples, bit for bit, on the same machine."""
+    """Simulates an experiment, whose file names are relative to the working directory, or repeats the simulation of a recording.
+    Unless another accuracy or tolerance is given, a recording is repeated with its own accuracy: on the same machine, the samples
+    are the same bit for bit."""
     experiment, inputs, accuracy, known_settings = again(experiment, accuracy, tolerance_db)
     wanted, progress = Wanted.of(accuracy, tolerance_db, measure_error), shown_progress(progress, experiment.method)
     checked_split(split)
@@ -234,8 +238,8 @@ def run_gated(
     measure_error: bool | None = None,
     device: Device = "auto",
 ) -> Recording:
-    """As `run`, of which only the range cells between nearest and farthest [m] are kept: enough for its spectrogram, not for what
-    needs ADC samples. These are made only where an effect of the receiver must act on them."""
+    """As `run`, but keeps only the range cells within `range_gate_m` (nearest, farthest) [m], for a spectrogram with that gate. ADC
+    samples are computed only where an effect of the receiver must act on them, and are not kept, which saves time."""
     wanted = replace(Wanted.of(accuracy, None, measure_error), factored=True)
     with one_blas_thread:
         setup = set_up_stored(experiment, {}, device=device, memory_gb=LIMIT_GB)

@@ -218,15 +218,15 @@ def sweep(
     """Simulates an experiment with every combination of the values of some fields, and compares the recordings with the first.
 
     experiment: an `Experiment`, a mapping of fields, or a recording, whose accuracy holds unless a tolerance is given or varied.
-    vary: values by the names of fields, as {"targets.1.rpm": [0, 300], "radar.prf_hz": [4000, 8000]}; those of the field that is
-        named first change last. A whole target may be varied, and is left out where its value is None. Beside the experiment's own
-        there are `tolerance_db`, the fields of `accuracy`, and as `signal.n_window` and the like the options of the spectrogram:
-        what differs in these alone is simulated once.
-    folder: where recordings are stored as they are made, and the table (table.csv); created if it is not there. A sweep that was
-        stopped goes on. A folder that holds anything else, or recordings of other experiments or versions, is refused.
-    accuracy, tolerance_db, device: as of `simulate`.
-    processing: options of the spectrograms, as of `Recording.processed`.
-    split: as of `simulate`; tells how each part differs from that of the first, too (parts.csv).
+    vary: values by the names of fields, as in {"targets.1.rpm": [0, 300], "radar.prf_hz": [4000, 8000]}; the field that is named
+        last changes fastest. A whole target may be varied, and is left out where its value is None. In addition to fields of the
+        experiment, `tolerance_db`, the fields of `accuracy`, and options of the spectrogram (`signal.n_window` and others) may be
+        varied; experiments that differ only in the latter are simulated once.
+    folder: where the recordings are stored as they are made, and the table (table.csv); created if it does not exist. A sweep that
+        was stopped continues. A folder that holds anything else, or recordings of other experiments or versions, is refused.
+    accuracy, tolerance_db, device: as in `simulate`.
+    processing: options of the spectrograms, as in `Recording.processed`.
+    split: as in `simulate`; the sweep then also shows how each part differs from that of the first recording (parts.csv).
     progress: True shows a bar for each recording; a function is called with the fraction done of all, 0..1.
     """
     if not isinstance(vary, Mapping) or not vary or not all(isinstance(name, str) for name in vary):

@@ -40,8 +40,10 @@ def background_records(
 
     folder: holds .npz (records that t2d-rt background simulate writes), .zarr (results), .npy (ADC samples) or .bin (raw captures
         of TI's DCA1000). The radar of NAME.npy or NAME.bin is in NAME.yaml or, for all of them, in radar.yaml.
-    processing: options of `signal.spectrogram`, of all but .npz; mti is "mean" unless given. Of a .zarr they change its own.
-    lanes: LVDS lanes of raw captures, 2 or 4. iq, conjugate: of measured samples, as of `load_recording`.
+    processing: options of `signal.spectrogram`, for all files but .npz; mti is "mean" unless given. For a .zarr folder they
+        override the options stored in it.
+    lanes: number of LVDS lanes of raw captures, 2 or 4.
+    iq, conjugate: properties of measured samples, as in `load_recording`.
     """
     place = file_path("folder", folder)
     if not place.is_dir():

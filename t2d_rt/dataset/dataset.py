@@ -108,10 +108,10 @@ class Dataset:
     def __init__(self, path: str | Path, *, cached_mb: float = CACHED_MB) -> None:
         """A data set by its folder.
 
-        path: what `make_dataset` wrote, finished or not, or `export_dataset` as parquet.
-        cached_mb: memory for the shards read last [MB]; reading in random order is fast where all of them fit.
+        path: folder that `make_dataset` wrote, finished or not, or that `export_dataset` wrote as parquet.
+        cached_mb: memory for the shards read last [MB]; reading in random order is fast if all of them fit.
 
-        Raises InputError where the folder is no data set or holds no finished sample, and where a file is not as it was written.
+        Raises InputError where the folder is no data set or holds no finished sample, and where a file has been changed.
         Arrays are checked when they are read, not here.
         """
         self.path = dataset_folder(path)

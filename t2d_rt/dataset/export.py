@@ -52,13 +52,13 @@ def export_dataset(
     dynamic_range_db: float = 60.0,
     overwrite: bool = False,
 ) -> Path:
-    """Writes finished samples to a folder, which then stands there whole or not at all.
+    """Writes finished samples to a folder; on an error there is no folder, never half of one.
 
     to: "parquet" for Hugging Face's `datasets` and for pandas, with a data card; "png" for pictures of spectrograms by class, with
         labels.csv; "npz" for one file of arrays for each side of the split.
-    products: which arrays; all that there are by default, and spectrograms only as pictures.
-    split: whose sides get files or folders of their own; by default all samples are on one side.
-    dynamic_range_db: of pictures: white is the greatest cell of a spectrogram, black is what lies so far below it [dB].
+    products: names of the arrays; all that are stored by default; for pictures only spectrograms.
+    split: split whose sides get separate files or folders; by default all samples are on one side.
+    dynamic_range_db: range of pictures: white is the greatest cell of a spectrogram, black is this level below it [dB].
     """
     source = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
     target = file_path("the folder to export to", folder)

@@ -218,17 +218,17 @@ def make_dataset(
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Outcome:
-    """Makes the samples of a recipe and writes them to a folder; a run that was stopped goes on where it stopped.
+    """Makes the samples of a recipe and writes them to a folder; a run that was stopped continues where it stopped.
 
-    limit: the first so many samples only.
-    workers: processes of this machine; one for each core by default.
-    scheduler: "local:N" or the address of a scheduler of dask.distributed, in place of them.
-    threads: threads of each worker; all cores are shared out by default.
+    limit: number of samples to make, from the first one on; all by default.
+    workers: number of processes on this machine; one for each core by default.
+    scheduler: "local:N" or the address of a scheduler of dask.distributed, in place of these processes.
+    threads: number of threads of each worker; by default the cores are divided evenly.
     progress: called with the fraction done, 0..1.
 
-    The files are the same bytes whatever the workers, the order in which they finish and the stops between; only `log` differs.
-    Workers compute with the kernels that all machines have (`common_kernels`). A single worker gets a process of its own where this
-    process has other kernels. A cluster at an address has its own: a warning tells of others.
+    The bytes of the files do not depend on the workers, the order in which they finish, or interruptions; only `log` differs.
+    Workers use the kernels common to all machines (`common_kernels`). A single worker runs in a process of its own if this process
+    has other kernels. The workers of a cluster at an address use their own kernels; there is a warning if these are other ones.
     Raises InputError where the folder is that of another recipe or of another run, where a file is damaged or cannot be written,
     where a worker is lost, and once more than 5 % of the samples have failed.
     """

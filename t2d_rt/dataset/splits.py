@@ -423,8 +423,9 @@ def clip_sides(
 ) -> np.ndarray:
     """The sides that each sample must be on, (N, S): those of its clips, and that of its group.
 
-    labels: class of each sample, (N,). groups: positions of samples that are to be on one side. Clips, alone or together with the
-    others of a sample, are moved to the best side until none moves; then groups likewise.
+    labels: class of each sample, (N,).
+    groups: positions of samples that are to be on one side.
+    Clips, alone or together with the others of a sample, are moved to the best side until none moves; then groups likewise.
     """
     names = sorted(frozenset[str]().union(*clips))
     number = {name: place for place, name in enumerate(names)}
@@ -452,8 +453,8 @@ def clip_sides(
 def _climbed(holds: np.ndarray, sums: np.ndarray, fractions: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Side of each clip, (C,), by coordinate ascent from several random starts, since exact division is NP-hard.
 
-    holds: which clips (C) each pattern of clips has, (P, C). sums: number of samples of each class with that pattern, and of all,
-    (P, K + 1).
+    holds: which clips (C) each pattern of clips has, (P, C).
+    sums: number of samples of each class with that pattern, and of all, (P, K + 1).
     """
     unit = np.eye(len(fractions), dtype=np.int64)
     totals = sums.sum(axis=0)

@@ -42,12 +42,12 @@ class TorchDataset(MapDataset):  # type: ignore[misc, type-arg]
         product: "spectrogram" (speed, time) or "range_doppler" (frame, speed, range), levels [dB, 0 at the greatest cell]; "adc"
             (chirp, antenna, sample), complex [sqrt(W)]; "points" (point, 6); "truth" (time, column of `TRUTH_COLUMNS`); or "parts"
             (part, speed, time), powers over that of the spectrogram's greatest cell, in the order of `Dataset.parts`.
-        indices: of samples in their recipe, as a side of a split gives them; all by default.
-        dynamic_range_db: scales levels to 0..1: 1 at the greatest cell, 0 so far below it [dB] and farther.
-        length: cells or frames along time, or points, to which each sample is cut or padded: maps at the least level, samples of
-            the ADC, truth and points with zeros. Of points the ones of greatest SNR are kept, of all others the beginning.
-        transform: called with each tensor, but not with targets, gives another one.
-        target: number of the "class", or the tensor of the "parts", to learn which limb makes a cell.
+        indices: indices of samples in their recipe, as a side of a split has them; all by default.
+        dynamic_range_db: scales levels to 0..1: 1 at the greatest cell, 0 at this level below it [dB] or lower.
+        length: number of cells or frames along time, or of points, to which each sample is cut or padded: maps with the least
+            level, others with zeros. Of points those with the greatest SNR are kept, of other products the beginning.
+        transform: function that is applied to each tensor, but not to targets.
+        target: index of the "class", or the tensor of the "parts", to learn which limb causes a cell.
         """
         self.dataset = dataset if isinstance(dataset, Dataset) else Dataset(dataset)
         self.product = self.dataset.checked(product)

@@ -75,13 +75,13 @@ def scene_from_mesh(
     units: float | str | None = None,
     up: str | None = None,
 ) -> Scene:
-    """The scene of a mesh, z up, its floor at z = 0; `Scene.report` tells what was found and assumed.
+    """Makes a scene of a mesh, with z up and its floor at z = 0; `Scene.report` says what was found and assumed.
 
-    materials: by the name of an object, of its material in the file, or of "floor", "ceiling", "wall" and "thing": an ITU name,
-        such a name and a thickness as "wood 0.04" [m], or a `Material`, which has the thickness of what it replaces. What is not
-        named has the material that its name tells ("door", "window", "glass" ...), else the usual one of its role.
+    materials: materials by the name of an object, of its material in the file, or by "floor", "ceiling", "wall" and "thing": an ITU
+        name, such a name and a thickness as in "wood 0.04" [m], or a `Material`, which keeps the thickness of what it replaces. All
+        others get the material that their name suggests ("door", "window", "glass" ...), or else the usual one for their role.
     units: length of the file's unit [m], or m, cm, mm, inch or ft; metres by default.
-    up: "y" or "z"; by default y of a .glb, else the axis along which the mesh is as high as a room.
+    up: upward axis, "y" or "z"; by default y for a .glb, else the axis along which the mesh is as high as a room.
     """
     path = file_path("mesh", path)
     slabs = {name: slab_of(material) for name, material in materials_by_name(materials).items()}

@@ -71,12 +71,14 @@ def line(name: str, dataset: Dataset, told: np.ndarray) -> Line:
 
 
 def benchmark(folder: str | Path, model: Model, *, name: str | None = None, size: int = 64) -> Line:
-    """Trains a model on train and val of a data set whose recipe has sides, and tests it on what is kept apart.
+    """Trains a model on the sides train and val of a data set whose recipe defines sides, and tests it on the side test.
 
-    Raises InputError where the recipe has no sides, or the model does not tell a class of each map.
+    Raises InputError where the recipe has no sides, or the model does not predict a class for each map.
 
-    folder: the data set. model: of scikit-learn, or any with `fit` and `predict`. name: in the table; the class's by default.
-    size: cells of speed and of time of the maps.
+    folder: folder of the data set.
+    model: a classifier of scikit-learn, or any object with `fit` and `predict`.
+    name: name in the table; that of the model's Python class by default.
+    size: number of cells of speed and of time of the maps.
     """
     dataset = Dataset(folder)
     sides, maps = sides_of_recipe(dataset), maps_of(dataset, size=(size, size))

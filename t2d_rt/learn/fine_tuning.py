@@ -261,12 +261,12 @@ def pretrain(simulated: Events, *, seed: int = 0) -> EventNet:
 
 
 def fine_tune(strategy: str, known: EventNet | None, train: Events, *, seed: int = 0) -> nn.Module:
-    """A network that was tuned on events, from inputs (E, V, speed, time) of `Events` to scores (E, K); `known` stays as it is.
+    """Tunes a network on events; it maps inputs (E, V, speed, time) of `Events` to scores (E, K). `known` is not changed.
 
     strategy: one of `STRATEGIES`: "linear probing", "last layer", "skip connection" or "full fine-tuning".
-    known: a network of the same classes that learned from simulation (`pretrain`); None begins with random weights.
+    known: a network for the same classes that was trained on simulated events (`pretrain`); None starts with random weights.
 
-    Raises InputError for another strategy, and for a network of another number of classes.
+    Raises InputError for an unknown strategy, and for a network with another number of classes.
     """
     tune = STRATEGIES[choice("strategy", strategy, tuple(STRATEGIES))]
     classes = len(train.classes)

@@ -108,13 +108,14 @@ class Prediction:
 def predict(
     model: SavedModel | Ensemble, recording: Recording, *, step_s: float | None = None, least_s: float | None = None
 ) -> Prediction:
-    """The classes of a recording over sliding windows, each as long as the maps of the training.
+    """Classifies a recording in sliding windows, each as long as the maps of the training.
 
-    step_s: from one window to the next, a two-hundredth of a window or more; a tenth by default.
-    least_s: what an activity lasts at least; 0.8 of a window by default, and 0 takes each window for itself.
+    step_s: time from one window to the next [s], at least a two-hundredth of a window; a tenth by default.
+    least_s: least duration of an activity [s]; 0.8 of a window by default, and with 0 each window is classified by itself.
 
-    Raises InputError where the recording is shorter than half a window or shows other speeds than the training; warns of what the
-    model was not trained for: another carrier, Doppler resolution or contrast, power at other speeds, less than a window.
+    Raises InputError where the recording is shorter than half a window or does not cover the speeds of the training; warns of
+    anything for which the model was not trained: another carrier, Doppler resolution or contrast, power at other speeds, or a
+    recording shorter than a window.
     """
     duration_s = model.card.duration_s
     step_s = duration_s / STEPS if step_s is None else number("step_s", step_s, duration_s / MOST_STEPS, 1e4, unit="s")

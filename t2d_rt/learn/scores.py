@@ -158,10 +158,10 @@ class EventScores:
 def event_scores(
     pairs: Sequence[tuple[Sequence[Event], Sequence[Event]]], classes: int, duration_s: float, *, overlap: float = 0.5
 ) -> EventScores:
-    """Scores of recordings, each with the events that were and those that were told; so many seconds in all.
+    """Scores of recordings with a total duration of `duration_s`, each given by its true and its predicted events.
 
-    overlap: a told event finds a true one of its class if the time that both last is at least so much of the time that either
-        lasts. Each finds one at most: those of the greatest overlap first (the F1@50 of Lea et al., CVPR 2017, for a half).
+    overlap: a predicted event finds a true one of its class if their intersection is at least this fraction of their union in
+        time. Each finds one at most, those with the greatest overlap first (the F1@50 of Lea et al., CVPR 2017, for a half).
     """
     found, false, delays = np.zeros(classes, int), np.zeros(classes, int), []
     counts = np.zeros((2, classes), int)

@@ -89,10 +89,10 @@ def train_model(
     about: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> SavedModel:
-    """A network trained on maps of all classes; the weights of the epoch whose validation had the least loss.
+    """Trains a network on maps of all classes; it has the weights of the epoch with the least validation loss.
 
-    output: folder to write to. A run that was stopped there goes on; one of another model, data or options is refused.
-    about: what else the card tells, as the hash of the recipe.
+    output: folder to write to. A run that was stopped there continues; one with another model, data or options is refused.
+    about: further entries for the card, such as the hash of the recipe.
 
     Raises InputError where a class has no sample, where maps of training and validation have other axes, where the folder holds
     another training, and where the loss is no longer finite.

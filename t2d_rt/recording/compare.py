@@ -113,13 +113,15 @@ def compare(
 ) -> Comparison:
     """Compares the spectrograms of two recordings, simulated or measured, over the speeds and times that both have.
 
-    align: whether the second is shifted in time to where it is most like the first; half of the shorter one stays in common.
-    relative: whether the second one's level is brought to that of the first before cells are compared: that of measured samples is
-        seldom calibrated.
-    labels: names of the two; by default what tells them apart: method, scene, or a number.
+    align: whether the second is shifted in time to the greatest similarity with the first; they overlap by at least half of the
+        shorter one.
+    relative: whether the level of the second is shifted to that of the first before cells are compared, as the level of measured
+        samples is seldom calibrated.
+    labels: names of the two; by default their methods or scenes where these differ, or else numbers.
 
-    Of radars with other axes the coarser steps are taken, and powers in between are interpolated. Give both windows of the same
-    duration (`processed(n_window=...)`) then: a longer one has narrower cells, which hold less of what is spread over speeds.
+    If the axes of the radars differ, the coarser steps are used and powers are interpolated. Give both spectrograms windows of the
+    same duration then (`processed(n_window=...)`): a longer window has narrower Doppler cells, each with less of the power that is
+    spread over speeds.
     """
     _check("first", first)
     _check("second", second)

@@ -237,10 +237,10 @@ def background_settings(
     noisy: bool = False,
     carrier_hz: float | None = None,
 ) -> dict[str, Any]:
-    """What a recording keeps of its background: the model and its digest, seed and level.
+    """Settings by which a recording stores its background: the model and its digest, seed and level.
 
-    noisy: whether the recording has a receiver's noise, beside which a background of its own level is warned of.
-    carrier_hz: that of the recording, where it is known: a model of another band is warned of.
+    noisy: whether the recording has receiver noise; then there is a warning unless the level is given.
+    carrier_hz: carrier of the recording, if known; there is a warning if the model is of another band.
     """
     if noisy and level_db is None:
         warn(

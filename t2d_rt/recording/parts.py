@@ -78,9 +78,9 @@ class Parts(Mapping[str, "Recording"]):
         return dict(self._cubes)
 
     def grouped(self, groups: Mapping[str, Sequence[str]] = GROUPS) -> Parts:
-        """Several parts as one, summed before any map is made; those in no group stay alone, groups without any are left out.
+        """Combines parts to groups, whose samples are summed before any map is made; parts in no group stay by themselves.
 
-        groups: names of the new parts, and of those that each holds; by default the limbs of a body.
+        groups: names of the groups, and of the parts in each; by default the limbs of a body. Groups without a part are left out.
         """
         members = self.members(groups)
         file = ScratchFile()
@@ -174,10 +174,10 @@ class Parts(Mapping[str, "Recording"]):
         return self._stacked([part.range_angle(time_s, interval_s=interval_s, **options) for part in self.values()])
 
     def levels(self, start_s: float = 0.0, stop_s: float | None = None) -> xr.Dataset:
-        """How strong the parts are (part): `level_db` [dB re 1 W], power of the spectrogram over all speeds in the mean over its
-        columns, and `strongest_fraction` 0..1, how much of that power lies in cells where no other part is stronger.
+        """Levels of the parts (part): `level_db` [dB re 1 W], the power of the spectrogram summed over speeds and averaged over its
+        columns, and `strongest_fraction` 0..1, the fraction of that power in cells where no other part is stronger.
 
-        start_s, stop_s: of the columns that count [s], all by default.
+        start_s, stop_s: limits of the columns that are used [s]; all by default.
         """
         import xarray as xr
 
@@ -233,9 +233,9 @@ class Parts(Mapping[str, "Recording"]):
 
 
 def poses_of(model: Model, split: Any, members: Mapping[str, Sequence[str]], count: int) -> Poses:
-    """Surfaces of what the parts belong to at instants of the record, seen from the side with the radar on the right.
+    """Surfaces of the targets at `count` instants of the record, seen from the side with the radar on the right.
 
-    members: the parts that are one together, by the name that their faces get.
+    members: the parts in each group, by the name of the group that their faces get.
     """
     if split not in ("segment", "target"):
         raise InputError(

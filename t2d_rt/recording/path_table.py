@@ -58,9 +58,9 @@ def path_table(model: Model, accuracy: Accuracy, times_s: np.ndarray | None = No
     `delay_s` and `length_m` are those of the round trip, `speed_mps` is the rate at which half the length gets shorter (positive =
     approaching). `level_dbm` is the power in an ADC sample that a reflector of 1 m^2 at the reference point returns over the pair,
     at mid-sweep, -inf where nothing arrives. Azimuth (left > 0) and elevation are those at the radar, as seen along its boresight.
-    `points_m` are the points (point, xyz) in the scene's coordinates, from the transmitters over the target to the receivers, and
-    `meets` (pair, point) says what stands there. `blocked` is the fraction of the field that the static scene keeps away. Where it
-    is 1 there is no path: its level is -inf and all else of it NaN.
+    `points_m` are the vertices (point, xyz) in the scene's coordinates, from the transmitters over the target to the receivers, and
+    `meets` (pair, point) names the surface at each vertex. `blocked` is the fraction of the field that the static scene blocks.
+    Where it is 1 there is no path: its level is -inf and all its other values are NaN.
     """
     import xarray as xr
 

@@ -23,12 +23,12 @@ def load_recording(
 ) -> Recording:
     """A recording, simulated or measured: the .zarr folder of a result, or a .npy or .bin file of measured ADC samples.
 
-    radar: of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name, a .yaml or a .cfg file. A result has
-        its own.
-    lanes: LVDS lanes, 2 or 4, of a raw capture of TI's DCA1000 (.bin); see `signal.load_dca1000`.
-    iq: "QI" where measured samples have Q before I, "I" where they are real: their beats are taken to be positive.
-    conjugate: whether their IF is the conjugate of the one here, whose beats are positive. Left out, it is not, and samples that
-        look so, with most power in the upper half of the range axis, are a warning.
+    radar: the radar of a .npy or .bin file, which holds samples only: a `Radar`, a preset's name, a .yaml or a .cfg file. A .zarr
+        folder contains its radar.
+    lanes: number of LVDS lanes, 2 or 4, of a raw capture of TI's DCA1000 (.bin); see `signal.load_dca1000`.
+    iq: "QI" if measured samples have Q before I, "I" if they are real: their beat frequencies are then taken as positive.
+    conjugate: whether their IF is the conjugate of the one here, which has positive beat frequencies. Left out, it is not, and
+        there is a warning if samples look conjugated, with most power in the upper half of the range axis.
 
     Samples of a .npy file are (chirp, sample) or (chirp, antenna, sample); see `signal.load_cube`. Large files are read when used.
     Levels of a measured recording are those of its samples: powers [dB re 1 W] only where these are calibrated to sqrt(W).

@@ -348,11 +348,11 @@ class Recording:
     def range_doppler_at(self, time_s: float | None = None, *, interval_s: float | None = None) -> xr.DataArray:
         """Range-Doppler map of one coherent interval, power [dB re 1 W] (velocity_mps, range_m), after MTI as `processed` sets it.
 
-        By default there is MTI where a simulated scene has clutter; `processed(mti="mean")` takes what stands still out of measured
+        By default there is MTI where a simulated scene has clutter; `processed(mti="mean")` removes static echoes from measured
         samples, too.
 
-        time_s: its middle; that of the record by default.
-        interval_s: its length; that of the spectrogram's windows by default.
+        time_s: middle of the interval; that of the record by default.
+        interval_s: length of the interval; that of the spectrogram's windows by default.
         """
         result, middle_s, length_s = self._maps.range_doppler_at(time_s, interval_s)
         return labelled_map("range_doppler", result, self.attributes).assign_attrs(time_s=middle_s, interval_s=length_s)
@@ -403,7 +403,7 @@ class Recording:
     ) -> Any:
         """`range_doppler_at` as a figure; options as of `plot`, and time and length of the interval [s].
 
-        ghosts: whether the strongest paths are marked at their ranges and speeds, with their names.
+        ghosts: whether the strongest paths are marked at their ranges and speeds, and their names listed.
         """
         image = self.range_doppler_at(time_s, interval_s=interval_s)
         paths = self.paths_at(image.attrs["time_s"]) if flag("ghosts", ghosts) else None
@@ -435,9 +435,10 @@ class Recording:
     ) -> Figure | Axes:  # fmt: skip
         """The spectrogram coloured by its `parts`: hue by the strongest in a cell, lightness by the level; options as of `plot`.
 
-        groups: parts that are one together, by their new names; by default the segments of a body are put together by limbs.
-        stacked: whether each part's own spectrogram is drawn instead, all on one scale.
-        poses: so many instants at which what moves stands above the spectrogram, in the same colours, the radar on its right.
+        groups: parts to be combined, by the name of the group; by default the segments of a body are combined to limbs.
+        stacked: whether the spectrograms of the parts are drawn separately instead, all on one scale.
+        poses: number of instants at which the targets are drawn above the spectrogram in the same colours, with the radar on their
+            right.
         """
         from t2d_rt.plots import plot_parts, plot_stacked_parts
 

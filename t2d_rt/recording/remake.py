@@ -54,10 +54,11 @@ def again(
 def add_noise(
     recording: Recording, noise: str | Path | Mapping[str, Any] | Receiver = "receiver", *, seed: int | None = None
 ) -> Recording:
-    """The recording as `simulate` with this `noise` would have made it, the same bits; the one that is given stays as it is.
+    """Passes a recording without noise through a receiver. The result has the same bits as one of `simulate` with this `noise`;
+    the given recording is not changed.
 
-    noise: as that of `simulate`.
-    seed: of the noise, in place of the receiver's or the experiment's own.
+    noise: as in `simulate`.
+    seed: seed of the noise, in place of the receiver's or the experiment's own.
     """
     instance("recording", recording, Recording, "a Recording")
     whole(recording.settings)

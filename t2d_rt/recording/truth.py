@@ -75,17 +75,17 @@ class Person(NamedTuple):
 def truth_table(
     model: Model, accuracy: Accuracy, times_s: np.ndarray | None = None, *, visible: bool = True
 ) -> xr.Dataset:
-    """What the radar has before it at instants of the record (K,) [s]; every 20 ms by default.
+    """Ground truth for a recording at instants of the record (K,) [s]; every 20 ms by default.
 
     Of all targets (target, time_s): `range_m`, `speed_mps` (positive = approaching), `azimuth_rad` (left > 0) and `elevation_rad`
     of the reference point, the pelvis of a person. Of persons (person, time_s, ...): `joints_m` (joint, xyz), forward, left and
     up from the radar; `segment_range_m`, `segment_speed_mps`, `segment_azimuth_rad` and `segment_elevation_rad` (segment) of the
-    middles of the body's 17 segments; `segment_visible` (segment), the fraction of what faces the radar that neither the body
+    middles of the body's 17 segments; `segment_visible` (segment), the fraction of the area facing the radar that neither the body
     itself, another target nor the scene hides, left out without `visible`; `contact` (foot, part), whether heel and ball of each
-    foot stand; `activity`, what the person does then, where the motion tells it, else ""; `breathing_m` and `heartbeat_m`, how far
-    the front of the trunk has come forward in a breath and in a beat. Ranges and speeds are means over transmitters and receivers.
-    A target without joints, as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class that all of a motion
-    was made for, "" of a file; `breathing_hz` and `heartbeat_hz` are the breaths and beats a second, 0 of who has none.
+    foot touch the ground; `activity`, what the person does, or "" where the motion does not say; `breathing_m` and `heartbeat_m`,
+    the displacement of the front of the trunk by each. Ranges and speeds are means over transmitters and receivers. A target
+    without joints, such as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class for which the whole
+    motion was made, "" for a motion from a file; `breathing_hz` and `heartbeat_hz` are breaths and beats per second, 0 without any.
     """
     import xarray as xr
 

@@ -116,10 +116,10 @@ def range_angle(
     Every Doppler row is steered, powers are added over the rows and divided by the window's noise bandwidth: a target
     of power P reads P at its peak (on a range bin; up to 1.4 dB less between two) whatever its speed.
 
-    azimuth_rad: directions of the beams, positive to the left; by default -pi/2..pi/2, four or more to a beamwidth.
-    elevation_rad: of all of them.
-    range_gate_m: nearest and farthest range of the map.
-    speed_gate_mps: least and greatest speed whose rows are added, positive approaching; all by default.
+    azimuth_rad: directions of the beams [rad], positive to the left; by default -pi/2..pi/2 with at least four in a beamwidth.
+    elevation_rad: elevation of all beams [rad].
+    range_gate_m: nearest and farthest range of the map [m].
+    speed_gate_mps: least and greatest speed whose rows are added [m/s], positive = approaching; all by default.
     mti: "mean" removes static echoes.
     compensate_tdm: see `array_spectrum`.
     far_field: plane waves instead of beams focused at each bin's range.

@@ -217,8 +217,9 @@ def load_cube(path: str | Path, *, iq: str = "IQ", conjugate: bool = False) -> C
     Raw 16-bit words that were stored as unsigned numbers (0..65535, as OpenRadar does) are turned back into signed ones, those in
     offset binary with a warning; anything that is not made of 16-bit integers stays as it is.
 
-    iq: "QI" where Q stands before I, "I" where samples are real; their beats are taken to be positive, over half the range axis.
-    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
+    iq: "QI" if Q comes before I, "I" if samples are real; their beat frequencies are then taken as positive, over half the range
+        axis.
+    conjugate: whether the IF is the conjugate of the one here, which has positive beat frequencies.
     """
     choice("iq", iq, ORDERS)
     flag("conjugate", conjugate)
@@ -321,15 +322,15 @@ def load_dca1000(path: str | Path, radar: Radar, *, lanes: int, iq: str = "IQ", 
     """ADC cube, complex64 (chirp, antenna, sample), from a .bin file of complex samples; a large one is read when it is used.
 
     lanes: 2 (xWR16xx, xWR18xx, xWR68xx) or 4 (xWR12xx, xWR14xx).
-    iq: "QI" where Q stands before I (MSB_LSB_QI), "I" where samples are real: these follow one another, and their beats are taken
-        to be positive, over half the range axis.
-    conjugate: whether the IF is the conjugate of the one here, whose beats are positive.
+    iq: "QI" if Q comes before I (MSB_LSB_QI), "I" if samples are real: these are stored one after the other, and their beat
+        frequencies are taken as positive, over half the range axis.
+    conjugate: whether the IF is the conjugate of the one here, which has positive beat frequencies.
 
-    With 2 lanes a chirp brings one receiver after the other, each as I(0) I(1) Q(0) Q(1) I(2) I(3) Q(2) Q(3) ...
-    With 4 lanes it brings one sample after the other, each as I of receivers 0 to 3 and then Q of receivers 0 to 3, zeros for
+    With 2 lanes the file has one receiver after the other for each chirp, as I(0) I(1) Q(0) Q(1) I(2) I(3) Q(2) Q(3) ...
+    With 4 lanes it has one sample after the other, each as I of receivers 0 to 3 and then Q of receivers 0 to 3, with zeros for
     receivers that are not used.
-    With "tdm" every transmitter's chirp follows the one before it; a row of the cube holds those of one loop.
-    Samples in another order, or real ones without iq="I", are refused: taken so, their spectrum is flatter than in their own order.
+    With "tdm" the chirps of the transmitters follow one another; a row of the cube holds those of one loop.
+    Samples in another order, or real ones without iq="I", are refused; they are recognised by their flatter spectrum.
     """
     choice("iq", iq, ORDERS)
     flag("conjugate", conjugate)

@@ -63,12 +63,12 @@ def coherent_interval(
     cutoff_mps: float = 0.1,
     kernel: Sequence[float] = PAPER_KERNEL,
 ) -> tuple[np.ndarray, Radar, float]:
-    """Rows of the cube centred on a time, for `range_doppler`: their samples after MTI over the record, their radar (transmitters
-    taken apart), and the middle of the interval [s].
+    """A coherent interval of a cube for `range_doppler`: its samples after MTI over the record, its radar (with transmitters
+    separated), and its middle [s].
 
-    time_s: middle of the interval; that of the record by default. Towards its ends, and those of a burst, the interval is moved
-        inside.
-    chirps: rows; by default those of a window of `spectrogram`.
+    time_s: middle of the interval [s]; that of the record by default. Near the ends of the record, or of a burst, the interval is
+        shifted inside.
+    chirps: number of rows of the cube; by default that of a window of `spectrogram`.
     """
     check_recording(adc, radar)
     clutter_filter = Mti.of(mti, cutoff_mps, kernel)

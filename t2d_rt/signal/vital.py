@@ -92,12 +92,13 @@ class VitalSigns:
 def vital_signs(adc: Any, radar: Radar, *, range_gate_m: tuple[float, float] | None = None) -> VitalSigns:
     """Displacement of the chest, rates of breath and heart of one person at rest, from ADC samples (chirp, antenna, sample).
 
-    range_gate_m: nearest and farthest range that is looked at [m]; all by default. Of several persons it chooses one.
+    range_gate_m: nearest and farthest range that is searched [m]; all by default. With several persons it selects one.
 
-    The person is where the range cell varies most, of all antennas together, of those whose echo keeps to a circle, as noise does
-    not; of the cells near it that one counts whose echo keeps best to its own. Where the person moves otherwise, that is what is
-    found. A warning tells cells of noise or leakage, and a breath that no chest has.
-    Bursts must follow faster than 6 Hz, twice the fastest heartbeat that is looked for.
+    The person is taken to be in the range cell that varies most over all antennas, among those whose echo follows a circle, which
+    noise does not. Of the cells near it the one is used whose echo follows its circle best. Other movements of the person would be
+    taken for vital signs. There is a warning if the cell may hold only noise or leakage, or if the breath is too deep or too
+    shallow for a chest.
+    Bursts must come faster than 6 Hz, twice the highest heart rate that is searched.
     """
     check_recording(adc, radar)
     adc, radar = separated(adc, radar)

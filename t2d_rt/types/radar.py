@@ -257,12 +257,13 @@ class Radar(Fields):
     def from_ti_cfg(cls, source: str | Path | Sequence[str], *, board: str | None = None, **changes: Any) -> Radar:
         """The radar of a configuration file (.cfg) of Texas Instruments' mmWave SDK, or of its lines.
 
-        The file tells waveform, bursts, order of the transmitters, back-off of the power and, by antGeometry, the antennas;
-        `changes` tell the rest.
-        board: preset whose antennas, patterns and noise figure it has, as "iwr6843isk"; by default the file's comment
-            "Platform:..." names it.
+        The file specifies waveform, bursts, order of the transmitters, back-off of the power and, by antGeometry, the antennas;
+        `changes` override any other fields.
+        board: preset whose antennas, patterns and noise figure are used, such as "iwr6843isk"; by default the one that the file's
+            comment "Platform:..." names.
 
-        Advanced frames, chirps of several kinds and transmitters that send at once are errors, for no radar here has them.
+        Advanced frames, chirps of several kinds and transmitters that send at the same time are errors, as a `Radar` cannot have
+        them.
         """
         name = board_of(source) if board is None else board
         board_fields = None if name is None else cls.preset(name).model_dump()
@@ -271,12 +272,12 @@ class Radar(Fields):
     def to_ti_cfg(self, path: str | Path | None = None, *, board: str | None = None) -> list[str]:
         """Lines of a configuration file (.cfg) that `from_ti_cfg` reads back, written to `path` where that is given.
 
-        board: preset of the device that it is for, as in `from_ti_cfg`, which then takes it from the file's comment "Platform:..."
-            where the visualizer knows the device. Back-off is counted from the board's power, from 12 dBm where none is given.
+        board: preset of the target device, as in `from_ti_cfg`; it is written as the comment "Platform:..." if the visualizer knows
+            the device. Back-off is relative to the board's power, or to 12 dBm where no board is given.
 
-        Of a radar with bursts, whose transmitters take turns. Gains, patterns and noise figure are not in such a file, nor is the
-        pose: one of its own, or a track, is a warning, as is a slope above the devices' 250 MHz/us; the device rounds frequency and
-        slope to steps of its own.
+        The radar must have bursts and time multiplexing. The file has no gains, patterns, noise figure or pose; there is a warning
+        of a pose other than the default, of a track, and of a slope above the devices' 250 MHz/us. The device rounds frequency and
+        slope to its own steps.
         """
         lines = ti_lines(self, board, FULL_DBM if board is None else type(self).preset(board).tx_power_dbm)
         if path is not None:

@@ -32,8 +32,8 @@ class Viewer:
     """A page of one recording, or of two side by side, which a notebook shows and `save` writes as a file."""
 
     def __init__(self, recordings: Sequence[Recording] | Recording, titles: Sequence[str] | None = None) -> None:
-        """recordings: a `Recording`, or two; their targets, room and paths are worked out from their experiments.
-        titles: a text for each; by default what it was made with.
+        """recordings: a `Recording`, or two; their targets, room and paths are computed from their experiments.
+        titles: a title for each; by default how it was made.
         """
         from t2d_rt.recording.recording import Recording
 

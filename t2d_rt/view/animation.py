@@ -72,9 +72,9 @@ def animate(
 ) -> None:
     """Writes an animation of a simulated recording, in real time: its targets in their room by radial speed, and its spectrogram.
 
-    path: ends in .gif, or in .mp4, for which the program ffmpeg must be there.
-    width_px: width of the picture; its height is 0.44 of that.
-    frames_hz: pictures a second, 1..50; those of a GIF stand a whole number of hundredths of a second apart. At most 1500 in all.
+    path: file name that ends in .gif, or in .mp4, for which the program ffmpeg is needed.
+    width_px: width of the picture [pixel]; its height is 0.44 of that.
+    frames_hz: pictures per second, 1..50; for a GIF the interval is rounded to hundredths of a second. At most 1500 in all.
     title: a text above the spectrogram.
     """
     instance("recording", recording, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")

@@ -61,9 +61,9 @@ def contact_sheet(
 ) -> Figure:
     """Skinned bodies over time: a row for each motion, `columns` instants from its begin to its end.
 
-    view_deg: where the camera stands, about the vertical: 0 in front of where the person goes (or faces, on the spot), 90 at the
-        person's right, so that one goes to the right.
-    Each cell keeps the body in its middle; the floor is a line, the limbs of the left are blue and those of the right red.
+    view_deg: azimuth of the camera about the vertical [deg]: 0 in front of the direction in which the person walks (or faces, if
+        there is no travel), 90 at the person's right, so that the person walks to the right of the picture.
+    The body is at the centre of each cell; the floor is a line, the left limbs are blue and the right ones red.
     """
     rows = [checked_motion(motion) for motion in instance("motions", motions, (list, tuple), "a list of motions")]
     integer("columns", columns, 2, 64)

@@ -77,10 +77,10 @@ __all__ = ["ADAPTERS", "Adapter", "AdapterOptions", "RealMaps", "adapter_for", "
 def read_real(path: str | Path, adapter: str | None = None, options: AdapterOptions | None = None) -> RealMaps:
     """Labelled maps: of real recordings, or of a data set of this program.
 
-    path: a file or a folder, wherever it lies. The card beside it (`card.yaml` in a folder, `maps.npz.card.yaml` beside maps.npz)
-        tells what the files do not: adapter, classes, speed_mps or cell_mps, duration_s or rate_hz, positive, carrier_hz, mti.
-    adapter: one of parrad, radhar, ci4r, png, hdf5, npz, dataset; by default the card's, or the one for such files.
-    options: classes, size and axes, as far as neither the files nor the card tell them.
+    path: a file or a folder. The card beside it (`card.yaml` in a folder, `maps.npz.card.yaml` beside maps.npz) specifies what the
+        files do not: adapter, classes, speed_mps or cell_mps, duration_s or rate_hz, positive, carrier_hz, mti.
+    adapter: one of parrad, radhar, ci4r, png, hdf5, npz, dataset; by default the card's, or the one for files of this kind.
+    options: classes, size and axes, as far as neither the files nor the card specify them.
     """
     source = file_path("the path of real data", path)
     if not source.exists():

@@ -46,8 +46,9 @@ def receive_gated(
     """Range cells, complex64 (chirp, antenna, cell), of a cube's rows after a receiver, and its levels for the recording's
     settings.
 
-    matrix: weight of each sample in each cell, complex64 (sample, cell): the windowed FFT of a chirp at `bins`. seed: seed of the
-    random draws, where the receiver has none of its own. Rows that are processed by samples are those of `receive`.
+    matrix: weight of each sample in each cell, complex64 (sample, cell): the windowed FFT of a chirp at `bins`.
+    seed: seed of the random draws, where the receiver has none of its own.
+    Rows that are processed by samples are those of `receive`.
     """
     count, *_ = rows.shape
     cells = np.empty((*rows.shape[:2], matrix.shape[1]), np.complex64)
