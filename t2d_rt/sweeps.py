@@ -255,10 +255,12 @@ def sweep(
     for number, (point, key) in enumerate(zip(points, keys, strict=True)):
         target = place / point.file
         if not target.exists():
-            told = _progress(progress, number, points)
+            report = _progress(progress, number, points)
             try:
                 alike = next((earlier for earlier in points[:number] if _same_samples(earlier, point)), None)
-                record = Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, told)
+                record = (
+                    Recording.load(place / alike.file) if alike else _simulated(point, inputs, split, device, report)
+                )
                 record.processing.clear()
                 record = record.processed(**point.signal)
                 record.settings["sweep"] = key
@@ -375,15 +377,15 @@ def _points(experiment: Experiment, vary: Any, settings: Mapping[str, Any]) -> l
             values["targets"] = [target for target in values["targets"] if target is not None]
         beside = {name: values.pop(name) for name in BESIDE}
         Accuracy.model_validate(beside["accuracy"])
-        of = Experiment.model_validate(values)
+        varied = Experiment.model_validate(values)
         check_names(beside["signal"])
-        check_processing(of.radar, CHECKED_CHIRPS, beside["signal"])
+        check_processing(varied.radar, CHECKED_CHIRPS, beside["signal"])
         texts = [text for *_, text in chosen]
         name = re.sub(r"[^A-Za-z0-9.+-]+", "_", "_".join(texts)).strip("_")[:80]
         points.append(
             Point(
                 fields={name: text for name, _, text in chosen},
-                experiment=of,
+                experiment=varied,
                 **beside,
                 file=f"{number:03}_{name}.zarr",  # three digits whatever the count is, so that a sweep can grow
             )
@@ -463,14 +465,23 @@ def _inside(place: Any, part: str) -> Any:
 def _key(point: Point, inputs: Inputs, split: Split | None) -> str:
     """Hash of everything that a recording depends on, including the content of input files; a stored recording with the same hash
     is used again."""
-    of, store = point.experiment, Store({})
-    targets = [placed(target, of.radar) if isinstance(target, Motion) else target for target in of.targets_from(inputs)]
-    named = of.scene_from(inputs)
+    experiment, store = point.experiment, Store({})
+    targets = [
+        placed(target, experiment.radar) if isinstance(target, Motion) else target
+        for target in experiment.targets_from(inputs)
+    ]
+    named = experiment.scene_from(inputs)
     if isinstance(named, str):
-        scene = None if named == "free_space" else load_scene(named, frequency_hz=of.radar.mid_frequency_hz)
+        scene = None if named == "free_space" else load_scene(named, frequency_hz=experiment.radar.mid_frequency_hz)
     else:
         scene = named
-    hashed = [of.stored_with(targets, scene, store).hash, point.accuracy, point.tolerance_db, point.signal, versions()]
+    hashed = [
+        experiment.stored_with(targets, scene, store).hash,
+        point.accuracy,
+        point.tolerance_db,
+        point.signal,
+        versions(),
+    ]
     hashed += [] if split is None else [split]
     return hashlib.sha256(json.dumps(hashed, sort_keys=True, default=str).encode()).hexdigest()[:32]
 

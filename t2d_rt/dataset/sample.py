@@ -555,7 +555,7 @@ def sample(recipe: Recipe, index: int) -> Sample:
     cut = sample_motion(recipe, cell.activity, cell.description, cell.number, recorded)
     condition, side = cell.condition, recipe.side_at(cell.description)
     # one place for all conditions of a motion, with room for the things carried in each of them
-    loaded = [carry(cut.motion, each.carries) for each in recorded if each.carries]
+    loaded = [carry(cut.motion, other.carries) for other in recorded if other.carries]
     place = placing(recipe, cell.number, condition.scene, cut.motion, side, loaded)
     radar = _raised(recipe.radar if condition.radar is None else condition.radar, place.height_m)
     source = cut.source.model_copy(

@@ -168,22 +168,22 @@ def event_scores(
     for sides in pairs:
         for count, side in zip(counts, sides, strict=True):
             np.add.at(count, [event.label for event in side], 1)
-        true, told = sides
-        alike = [(a, b, one.shared_s(other)) for a, one in enumerate(true) for b, other in enumerate(told)
+        true, predicted = sides
+        alike = [(a, b, one.shared_s(other)) for a, one in enumerate(true) for b, other in enumerate(predicted)
                  if one.label == other.label and one.shared_s(other) > 0]  # fmt: skip
-        for b in set(range(len(told))) - {b for _, b, _ in alike}:
-            false[told[b].label] += 1
+        for b in set(range(len(predicted))) - {b for _, b, _ in alike}:
+            false[predicted[b].label] += 1
         parts = [
-            (both_s / (max(true[a].end_s, told[b].end_s) - min(true[a].begin_s, told[b].begin_s)), a, b)
+            (both_s / (max(true[a].end_s, predicted[b].end_s) - min(true[a].begin_s, predicted[b].begin_s)), a, b)
             for a, b, both_s in alike
         ]
-        free, unused = set(range(len(true))), set(range(len(told)))
+        free, unused = set(range(len(true))), set(range(len(predicted)))
         for part, a, b in sorted(parts, reverse=True):
             if part >= overlap and a in free and b in unused:
                 free.remove(a)
                 unused.remove(b)
                 found[true[a].label] += 1
-                delays.append(told[b].begin_s - true[a].begin_s)
+                delays.append(predicted[b].begin_s - true[a].begin_s)
     return EventScores(
         f1=float(2 * found.sum() / max(counts.sum(), 1)), found=found, true=counts[0], told=counts[1], delays_s=np.array(delays),
         false_alarms=false, hours=duration_s / 3600.0,

@@ -264,9 +264,9 @@ def _beat(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[float,
         rate = line / part
         multiple = round(rate / breath)
         hidden = multiple <= BREATH_HARMONICS and (part - 1) * multiple <= BREATH_HARMONICS
-        told = part == 1 or part * multiple > BREATH_HARMONICS
+        unmasked = part == 1 or part * multiple > BREATH_HARMONICS
         off_hz = abs(rate - multiple * breath)
-        if not (hidden and told) or off_hz > near_hz or rate < BEATS_HZ[0] - near_hz:
+        if not (hidden and unmasked) or off_hz > near_hz or rate < BEATS_HZ[0] - near_hz:
             continue
         on = part > 1 or off_hz < near_hz / 4
         harmonics = multiple - 1 if on else BREATH_HARMONICS

@@ -200,13 +200,13 @@ def _coefficients(element: Elements, cosine: np.ndarray, frequencies_hz: np.ndar
     te, tm = np.empty((2, len(frequencies_hz), *cosine.shape), complex)
     # The diffuse scattering of a rough surface is taken from its reflection (docs/physics.md, eq. 9), not from its transmission.
     passing = np.exp(2j * math.pi * frequencies_hz[:, None] * element.delay_s)
-    for of, members, factor in (
+    for coefficients_of, members, factor in (
         (_reflection, ~element.through, np.broadcast_to(element.specular, passing.shape)),
         (_transmission, element.through, passing),
     ):
         if members.any():
             lost = loss(element.conductivity_s_per_m[members], frequencies_hz[:, None])
             eta = (element.relative_permittivity[members] - 1j * lost)[..., None]
-            coefficients = of(eta, element.thickness_m[members, None], cosine[members], frequency_hz)
+            coefficients = coefficients_of(eta, element.thickness_m[members, None], cosine[members], frequency_hz)
             te[:, members], tm[:, members] = (factor[:, members, None] * coefficient for coefficient in coefficients)
     return te, tm

@@ -349,16 +349,16 @@ def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np
     peak = max(float(power_db.max()), -300.0 + LEVELS_DB)
     axes: dict[str, Any] = {}
     windows = []
-    for name, (of, axis), others in (("y", up, (0, 2)), ("x", across, (0, 1))):
+    for name, (quantity, axis), others in (("y", up, (0, 2)), ("x", across, (0, 1))):
         low, high = (
             (axis[0], axis[-1])
-            if of == "time"
-            else occupied(axis, power_db.max(axis=others), peak - 45, zero=of != "range" or name == "y")
+            if quantity == "time"
+            else occupied(axis, power_db.max(axis=others), peak - 45, zero=quantity != "range" or name == "y")
         )
         inside = np.flatnonzero((axis >= low) & (axis <= high))
         windows.append(slice(inside[0], inside[-1] + 1))
         axes[name] = {
-            "of": of,
+            "of": quantity,
             "first": float(axis[inside[0]]),
             "last": float(axis[inside[-1]]),
             "count": len(inside),
