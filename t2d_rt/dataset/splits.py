@@ -131,13 +131,13 @@ def split(
     leave_out: bool = False,
     seed: int = 0,
 ) -> Split:
-    """Puts samples on sides, train, val and test, of about these fractions of each class.
+    """Divides samples into sides (train, val and test) with about these fractions of each class.
 
     fractions: of train, val and test (or of train and test, where there are two), or by names of your own; they add up to 1.
-    apart: what is on one side only.
-    leave_out: leaves out samples that would put one clip on two sides, in place of joining all that share clips to one group.
+    apart: kinds (`KINDS`) that may be on one side only.
+    leave_out: whether samples that would put a clip on two sides are left out, instead of joining all samples that share clips.
 
-    Raises InputError where a side would lack a class, or be off by more than a tenth of the samples.
+    Raises InputError where a side would lack a class, or its size would be off by more than a tenth of the samples.
     """
     side_fractions = _fractions(fractions)
     kinds = _kinds(apart)
@@ -153,8 +153,7 @@ def folds(
 ) -> tuple[Split, ...]:
     """`count` splits into train and test, for cross-validation.
 
-    A sample is in the test of one of them, but for one that is left out there and then. Options are those of `split`, and so is
-    what is refused.
+    Each sample is in the test side of one of them, unless it is left out there. Options and errors are those of `split`.
     """
     integer("count", count, 2, 1000)
     kinds = _kinds(apart)

@@ -180,11 +180,11 @@ def maps_of(
 ) -> LabelledMaps:
     """The spectrograms of a data set, in the order of its records.
 
-    size: cells of speed and of time.
-    dynamic_range_db: levels are clipped so far below each map's greatest cell.
-    speeds_mps: outer edges of the lowest and the highest cell, within `shared_speeds(dataset)`, which are taken by default.
+    size: number of cells of speed and of time.
+    dynamic_range_db: levels are clipped at this distance below each map's greatest cell [dB].
+    speeds_mps: outer edges of the lowest and the highest cell [m/s], within `shared_speeds(dataset)`, which is the default.
 
-    Raises InputError where samples show different speeds or durations, where a map shows nothing, and where a class has no sample.
+    Raises InputError where samples cover different speeds or durations, where a map is empty, and where a class has no sample.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     map_size, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")

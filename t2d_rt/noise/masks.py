@@ -77,14 +77,14 @@ def occlude(
     fill: Fill = "background",
     background_power: Any = None,
 ) -> Occluded:
-    """Replaces the columns whose centres lie in random windows, by those of a background or by zeros.
+    """Replaces the columns whose centres lie in random windows by those of a background, or by zeros.
 
-    spectrogram_power: [W], (velocity, time).
-    time_s: centres of the columns [s]; the recording lasts from 0 to half a step after the last.
-    background_power: [W], of the same shape, for the fill "background": the one that was added to the spectrogram, so that its
-        level and what moves in it go on through the window.
+    spectrogram_power: power [W], (velocity, time).
+    time_s: centres of the columns [s]; the recording lasts from 0 to half a step after the last one.
+    background_power: power [W] in the same shape, for the fill "background": that which was added to the spectrogram, so that its
+        level and its moving parts continue through the window.
 
-    Raises InputError for powers below 0, for times that do not ascend, and for a fill without what it fills with.
+    Raises InputError for negative powers, for times that do not ascend, and for the fill "background" without a background.
     """
     power = _power("spectrogram_power", spectrogram_power, ("velocity", "time"))
     times = array("time_s", time_s, (power.shape[1],), unit="s")

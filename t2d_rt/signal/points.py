@@ -39,13 +39,13 @@ def cfar(
 
     Returns the noise power, (velocity, range), the detections `power > factor * noise`, likewise, and the factor.
 
-    power: mean (or sum) over `looks` antennas of |spectrum|^2.
-    false_alarm_rate: fraction of the cells with nothing but noise that are detected.
-    method: "ca", the mean of the training cells, or "os", their 75 % order statistic, which other targets among them
-        disturb less.
-    guard_cells, training_cells: along velocity and range, on either side of the cell. Both axes are circular, as those
-        of an FFT are. By default along range alone: a body fills many Doppler cells and would mask itself.
-    windows: the tapers of both axes; they correlate neighbours, which then count as fewer cells.
+    power: mean (or sum) over `looks` antennas of |spectrum|^2, (velocity, range).
+    false_alarm_rate: fraction of the cells with noise only that are detected.
+    method: "ca", the mean of the training cells, or "os", their 75 % order statistic, which is less affected by other
+        targets among them.
+    guard_cells, training_cells: numbers of cells along velocity and range, on either side of the tested cell. Both axes are
+        circular, like those of an FFT. By default along range only: a body fills many Doppler cells and would mask itself.
+    windows: windows of both FFTs; they correlate neighbouring cells, which then count as fewer cells.
     """
     false_alarm_rate = check_rate(false_alarm_rate)
     choice("method of the CFAR", method, ("ca", "os"))
@@ -226,13 +226,13 @@ def point_cloud(
     differ in direction alone give one. Range and speed are those of a parabola through the peak; ranges are not
     corrected for range-Doppler coupling.
 
-    frame_chirps: rows of the cube in a frame (loops of the transmitters, also with "ddm"); by default a burst, or 128.
-        Chirps after the last whole frame are not used.
-    false_alarm_rate: per cell of the range-Doppler map, before neighbours are grouped.
-    dynamic_range_db: the noise level is taken to be no lower than this below the frame's strongest cell, so that a
-        noise-free cube gives its targets and not its rounding errors.
-    nearest_m: points nearer than that are left out, and so are their cells, with as many at the end of the range axis, from the
-        CFAR's training: a receiver's constants, 1/f noise and leakage lie at IFs about zero. 0 keeps all.
+    frame_chirps: number of rows of the cube in a frame (loops of the transmitters, also with "ddm"); by default a burst, or
+        128. Chirps after the last whole frame are not used.
+    false_alarm_rate: rate per cell of the range-Doppler map, before neighbours are grouped.
+    dynamic_range_db: the noise level is taken to be at most this far below the frame's strongest cell [dB], so that in a
+        noise-free cube targets are detected and not rounding errors.
+    nearest_m: range below which points are left out [m]. Their cells, and as many at the end of the range axis, are also excluded
+        from the CFAR's training, since a receiver's constants, 1/f noise and leakage are at IFs near zero. 0 keeps all.
     """
     check_antennas(adc, radar)
     check_static(mti)

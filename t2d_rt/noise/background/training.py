@@ -428,12 +428,13 @@ def learn_background(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> BackgroundModel:
-    """A background model of records that all have the same axes.
+    """Trains a background model on records, which must all have the same axes.
 
-    codes: entries of each code book; more than the data fill are no use (`t2d-rt background evaluate` tells their perplexity).
-    heads: code books, each for a part of what happens in a step.
-    codec_steps, prior_steps: steps of Adam.
-    seed: of the weights and of the order of the data.
+    codes: number of entries of each code book; more than the data can use have no effect (`t2d-rt background evaluate` prints the
+        perplexity).
+    heads: number of code books, each of which encodes a part of a step's latent vector.
+    codec_steps, prior_steps: number of steps of Adam for codec and prior.
+    seed: seed of the weights and of the order of the data.
 
     Raises InputError where records differ in their axes, where one is too short, and where PyTorch is not installed.
     """
