@@ -4,9 +4,7 @@ figures on one scale."""
 from __future__ import annotations
 
 import copy
-import csv
 import hashlib
-import io
 import itertools
 import json
 import math
@@ -24,6 +22,7 @@ from t2d_rt.core.atomic_write import check_place, replacing
 from t2d_rt.core.backend import Device, one_blas_thread
 from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError
+from t2d_rt.core.files import csv_text
 from t2d_rt.core.plugins import versions
 from t2d_rt.core.progress import ProgressBar, shown_progress
 from t2d_rt.core.stored_arrays import Inputs, Store
@@ -143,28 +142,24 @@ class Sweep:
 
     def table(self) -> str:
         """The measures as CSV text, with a row for each recording."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(["recording", *self.points[0].fields, *MEASURES])
+        rows = [["recording", *self.points[0].fields, *MEASURES]]
         for point, values in zip(self.points, self.measures, strict=True):
             numbers = ("" if math.isnan(values[name]) else f"{values[name]:.6g}" for name in MEASURES)
-            writer.writerow([point.file, *point.fields.values(), *numbers])
-        return text.getvalue()
+            rows.append([point.file, *point.fields.values(), *numbers])
+        return csv_text(rows)
 
     def parts_table(self) -> str:
         """The parts' levels as CSV text, with a row for each part of each recording."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
         parts = self._parts()
-        names = list(parts.data_vars)
-        writer.writerow(["recording", *self.points[0].fields, "part", *names])
+        names = list(map(str, parts.data_vars))
+        rows = [["recording", *self.points[0].fields, "part", *names]]
         for number, point in enumerate(self.points):
             for row, part in enumerate(parts.part.values):
                 values = [float(parts[name][number, row]) for name in names]
                 if not math.isnan(values[0]):
                     numbers = ("" if math.isnan(value) else f"{value:.6g}" for value in values)
-                    writer.writerow([point.file, *point.fields.values(), part, *numbers])
-        return text.getvalue()
+                    rows.append([point.file, *point.fields.values(), part, *numbers])
+        return csv_text(rows)
 
     def _parts(self) -> xr.Dataset:
         if self.parts is None:

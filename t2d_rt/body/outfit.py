@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -65,9 +64,7 @@ class Outfit:
         return ByPart((self.cloth, self.bare, self.shoes), part)
 
 
-OUTFITS: Mapping[str, Outfit] = MappingProxyType(
-    {"dressed": Outfit(name="dressed"), "coat": Outfit(name="coat", cloth_m=0.012)}
-)
+OUTFITS: Mapping[str, Outfit] = {"dressed": Outfit(name="dressed"), "coat": Outfit(name="coat", cloth_m=0.012)}
 """Outfits by name. The distance of cloth from the skin is a choice."""
 
 

@@ -25,16 +25,14 @@ Ring = tuple[np.ndarray, np.ndarray]
 """Vertex indices (R,) and weights (R,), whose weighted mean is the position of a joint."""
 
 
-ABOUT: Mapping[str, str] = MappingProxyType(
-    {
-        "adult": "a slim adult between man and woman",
-        "child": "a child of 7 to 8 years",
-        "heavy": "an adult of body mass index 35",
-        "man": "an average man",
-        "old": "an adult of about 70 years",
-        "woman": "an average woman",
-    }
-)
+ABOUT: Mapping[str, str] = {
+    "adult": "a slim adult between man and woman",
+    "child": "a child of 7 to 8 years",
+    "heavy": "an adult of body mass index 35",
+    "man": "an average man",
+    "old": "an adult of about 70 years",
+    "woman": "an average woman",
+}
 """Descriptions of the shipped bodies; meshes/README.md has their measures and sources."""
 
 
@@ -84,13 +82,11 @@ def bodies() -> list[str]:
     return [name.removesuffix(".npz") for name in listing("meshes", ".npz")]
 
 
-GIRTHS: Mapping[str, float | tuple[float, float]] = MappingProxyType(
-    {
-        **dict.fromkeys(("pelvis", "spine1", "spine2"), (2.0, 1.4)),
-        **dict.fromkeys(("spine3", "left_collar", "right_collar"), (1.4, 1.0)),
-        **{f"{side}_{joint}": power for side in ("left", "right") for joint, power in LIMB_GIRTHS.items()},
-    }
-)
+GIRTHS: Mapping[str, float | tuple[float, float]] = {
+    **dict.fromkeys(("pelvis", "spine1", "spine2"), (2.0, 1.4)),
+    **dict.fromkeys(("spine3", "left_collar", "right_collar"), (1.4, 1.0)),
+    **{f"{side}_{joint}": power for side in ("left", "right") for joint, power in LIMB_GIRTHS.items()},
+}
 """Powers of the root of the body mass index with which each part grows across its bone, for the trunk in depth and breadth; fitted
 to the five shipped adults with an index of 21.6 to 35. Head, hands and feet do not grow."""
 

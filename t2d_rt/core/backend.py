@@ -127,10 +127,7 @@ def aligned_zeros(shape: tuple[int, ...], dtype: Any) -> np.ndarray:
     """Zeros in `aligned` memory, which the system provides only when it is written."""
     import numpy as np
 
-    length = math.prod(shape) * np.dtype(dtype).itemsize
-    raw = np.zeros(length + ALIGNMENT, np.uint8)
-    skipped = -raw.ctypes.data % ALIGNMENT
-    return raw[skipped : skipped + length].view(dtype).reshape(shape)
+    return aligned_empty(math.prod(shape), dtype, lambda size: np.zeros(size, np.uint8)).reshape(shape)
 
 
 def aligned_empty(size: int, dtype: Any, memory: Callable[[int], np.ndarray] | None = None) -> np.ndarray:

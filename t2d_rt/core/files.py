@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import os
 import stat
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -46,6 +48,17 @@ def read_bytes(path: str | Path, *, limit: int, noun: str) -> bytes:
     if data is None or len(data) > limit:
         raise InputError(f"{path} is larger than the {size(limit)} that a {noun} may have; give a smaller one")
     return data
+
+
+def csv_text(rows: Iterable[Iterable[Any]]) -> str:
+    """Rows of cells as CSV text.
+
+    >>> csv_text([["a", "b"], [1, "2, 3"]])
+    'a,b\\n1,"2, 3"\\n'
+    """
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
 
 
 def npy_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:

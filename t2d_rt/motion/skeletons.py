@@ -25,13 +25,10 @@ if TYPE_CHECKING:
 Source = str | tuple[str, str, float]
 """A joint of the file, or (a, b, fraction): the point that far from a to b, which turns with a."""
 
-PARENT_OF: Mapping[str, str | None] = MappingProxyType(
-    {
-        name: CANONICAL_JOINTS[parent] if parent >= 0 else None
-        for name, parent in zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True)
-    }
-    | OPTIONAL_JOINTS
-)
+PARENT_OF: Mapping[str, str | None] = {
+    name: CANONICAL_JOINTS[parent] if parent >= 0 else None
+    for name, parent in zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True)
+} | OPTIONAL_JOINTS
 
 
 def parents_of(names: Sequence[str]) -> tuple[int, ...]:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from t2d_rt.core import files
 from t2d_rt.core.checks import array, numbered
 from t2d_rt.core.constants import SPEED_OF_LIGHT, unit_of
 from t2d_rt.core.errors import InputError
@@ -230,12 +229,8 @@ def csv_text(table: xr.Dataset) -> str:
     """The table as CSV text with a row for each target, path pair and instant at which the path exists; columns are the variables,
     then x, y and z of each vertex."""
     columns = list(VARIABLES)
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
-    most = table.sizes["point"]
-    rows.writerow(
-        ["target", "pair", "time_s", *columns, "meets", *(f"{axis}{k}_m" for k in range(most) for axis in "xyz")]
-    )
+    corners = [f"{axis}{k}_m" for k in range(table.sizes["point"]) for axis in "xyz"]
+    rows: list[list[Any]] = [["target", "pair", "time_s", *columns, "meets", *corners]]
     values = {name: table[name].values for name in (*columns, "points_m")}
     met = [" > ".join(filter(None, value)) for value in table.meets.values.tolist()]
     for t, target in enumerate(table.target.values.tolist()):
@@ -244,8 +239,8 @@ def csv_text(table: xr.Dataset) -> str:
                 if values["blocked"][t, p, k] < 1:
                     numbers = [_number(values[name][t, p, k]) for name in columns]
                     places = [_number(coordinate) for coordinate in values["points_m"][t, p, k].ravel()]
-                    rows.writerow([target, pair, _number(time_s), *numbers, met[p], *places])
-    return text.getvalue()
+                    rows.append([target, pair, _number(time_s), *numbers, met[p], *places])
+    return files.csv_text(rows)
 
 
 def _number(value: float) -> str:

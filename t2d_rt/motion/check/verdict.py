@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -425,17 +424,15 @@ def _dancing(evidence: Evidence) -> list[str]:
     return faults
 
 
-RULES: Mapping[Activity, Callable[[Evidence], list[str]]] = MappingProxyType(
-    {
-        "walking": _walking,
-        "abnormal_walking": _abnormal_walking,
-        "running": _running,
-        "sitting": _sitting,
-        "bending": _bending,
-        "jumping": _only_jumping,
-        "dancing": _dancing,
-    }
-)
+RULES: Mapping[Activity, Callable[[Evidence], list[str]]] = {
+    "walking": _walking,
+    "abnormal_walking": _abnormal_walking,
+    "running": _running,
+    "sitting": _sitting,
+    "bending": _bending,
+    "jumping": _only_jumping,
+    "dancing": _dancing,
+}
 """Rules of the classes other than falling."""
 
 

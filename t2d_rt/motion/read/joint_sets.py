@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
@@ -19,17 +18,18 @@ from t2d_rt.geometry.vectors import norms
 from t2d_rt.motion.skeletons import PARENT_OF, tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
-SIDES: Mapping[str, str] = MappingProxyType({"left": "left", "l": "left", "right": "right", "r": "right"})
+SIDES: Mapping[str, str] = {"left": "left", "l": "left", "right": "right", "r": "right"}
 
 NEEDED = tuple(
     f"{side}_{joint}" for joint in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist") for side in ("left", "right")
 )
 """Joints that nothing can stand in for."""
 
-ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {"HumanML3D": CANONICAL_JOINTS, "SMPL": (*CANONICAL_JOINTS, "left_hand", "right_hand")}
-    | {order: tuple(names.split()) for order, names in tables()["orders"].items()}
-)
+ORDERS: Mapping[str, tuple[str, ...]] = {
+    "HumanML3D": CANONICAL_JOINTS,
+    "SMPL": (*CANONICAL_JOINTS, "left_hand", "right_hand"),
+    **{order: tuple(names.split()) for order, names in tables()["orders"].items()},
+}
 """Orders of joints in arrays that come without names."""
 
 LEAST_LIKELY = 0.25

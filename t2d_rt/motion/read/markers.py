@@ -12,7 +12,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -49,16 +48,15 @@ PELVIS_SETS = (("LASI", "RASI", "LPSI", "RPSI"), ("LASI", "RASI", "SACR", "SACR"
 
 SIDED = {"knee": ("KNE",), "ankle": ("ANK",), "shoulder": ("SHO",), "elbow": ("ELB",), "wrist": ("WRA", "WRB")}
 """Markers that a joint needs, without the side's letter."""
+ON_LIMBS = [f"{side}{label}" for labels in SIDED.values() for label in labels for side in "LR"]
 
 MEDIAL = ("KNM", "ANM", "ELM")
 """Markers inside of knee, ankle and elbow: half-way to the outer one lies the joint."""
 
-RENAMED: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        label: tuple(str(row[label]).upper() for row in map(sided, tables()["marker_sets"].values()) if label in row)
-        for label in dict.fromkeys(label for row in map(sided, tables()["marker_sets"].values()) for label in row)
-    }
-)
+_SETS = [sided(row) for row in tables()["marker_sets"].values()]
+RENAMED: Mapping[str, tuple[str, ...]] = {
+    label: tuple(str(row[label]).upper() for row in _SETS if label in row) for row in _SETS for label in row
+}
 """Marker of Plug-in Gait -> what other sets call it, in upper case."""
 
 HEAD = ("LFHD", "RFHD", "LBHD", "RBHD")
@@ -98,8 +96,7 @@ def lacking(labels: Sequence[str]) -> list[str]:
     """Which labels are absent of joint centres or, where half of these are, of markers on the skin; none where one set is whole."""
     upper = set(_as_plug_in_gait(labels))
     modelled = [label for label, joint in MODELLED.items() if joint in NEEDED and label not in upper]
-    needed = [f"{s}{label}" for sided_labels in SIDED.values() for label in sided_labels for s in "LR"]
-    absent = [label for label in needed if label not in upper]
+    absent = [label for label in ON_LIMBS if label not in upper]
     skin = absent if _pelvis(upper) else [*PELVIS_SETS[0], *absent]
     centres = min(absent_joints(labels), modelled, key=len)
     return centres if len(centres) <= len(NEEDED) // 2 and skin else skin
@@ -142,10 +139,9 @@ def _joints(tracks: dict[str, np.ndarray], labels: Labels) -> tuple[dict[str, np
 def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     pelvis = _pelvis(markers)
     assert pelvis is not None
-    needed = [f"{s}{label}" for labels in SIDED.values() for label in labels for s in "LR"]
     inner = [f"{s}{label}" for label in MEDIAL for s in "LR"]
     optional = [label for label in (*HEAD, "LTOE", "RTOE", "LFIN", "RFIN", *inner) if label in markers]
-    used_labels = dict.fromkeys([*pelvis, *needed, *optional])
+    used_labels = dict.fromkeys([*pelvis, *ON_LIMBS, *optional])
     at = {label: markers[label] for label in used_labels}
     front, back = 0.5 * (at[pelvis[0]] + at[pelvis[1]]), 0.5 * (at[pelvis[2]] + at[pelvis[3]])
     tall = float(np.nanmedian([np.linalg.norm(at[f"{s}KNE"] - at[f"{s}ANK"], axis=-1) for s in "LR"])) / SHANK

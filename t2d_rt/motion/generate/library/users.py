@@ -13,6 +13,7 @@ from typing import get_args
 
 import numpy as np
 
+from t2d_rt.core.atomic_write import replacing
 from t2d_rt.core.checks import file_path, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
@@ -208,12 +209,8 @@ def write(path: Path, table: list[dict[str, str]]) -> None:
     writer = csv.DictWriter(buffer, (*NEEDED, *OPTIONAL, *MEASURED), lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_text(buffer.getvalue(), encoding="utf-8")
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with replacing(path, lambda: None) as new:
+        new.write_text(buffer.getvalue(), encoding="utf-8")
 
 
 def recorded(path: Path) -> tuple[Poses, np.ndarray]:
