@@ -230,7 +230,7 @@ WIDTH_M = 1.5
 STATIC_MPS = 0.05
 """Radial speed up to which a person counts as neither approaching nor receding [m/s]."""
 RANGE_ERROR_M = 0.002
-"""Greatest deviation of the mean range from the one drawn that counts as none, in comparing overlaps [m]."""
+"""Greatest sum of a place's overlap and its deviation from the drawn mean range [m] with which no other place is tried."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

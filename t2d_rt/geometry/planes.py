@@ -46,7 +46,7 @@ def plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:
     axis = np.argmax(np.abs(normal) + [3e-6, 2e-6, 1e-6], axis=1)
     normal = normal * np.sign(np.take_along_axis(normal, axis[:, None], axis=1))
     offset = np.einsum("fi,fi->f", normal, triangles[:, 0])
-    # shifted by half a cell, so that round numbers, which are frequent, do not lie between two cells
+    # shifted by a fraction of a cell, so that round numbers, which are frequent, do not lie between two cells
     cell = np.round(np.column_stack([normal / SAME_NORMAL, offset / SAME_PLANE_M]) + 0.37)
     return np.unique(cell, axis=0, return_inverse=True)[1].ravel() if len(cell) else np.zeros(0, np.int64)
 

@@ -434,7 +434,7 @@ def _band_modulation(sides: tuple[np.ndarray, np.ndarray], speed: np.ndarray, st
 
 
 def _body(above: np.ndarray, velocity_mps: np.ndarray, step_s: float) -> dict[str, float]:
-    """Modulation of the mean speed, and the extent of its integral, which is the distance travelled [m]."""
+    """Modulation of the mean speed, and end and span of its integral over time, the radial displacement [m]."""
     power = np.where((above > 3.0) & (np.abs(velocity_mps)[:, None] > NOTCH_MPS), 10.0 ** (above / 10.0), 0.0)
     total = power.sum(axis=0) + 1.0
     mean = (power * velocity_mps[:, None]).sum(axis=0) / total

@@ -1,4 +1,4 @@
-"""Frozen values that cross stages."""
+"""Frozen values that are passed between the stages: motion, mesh, ellipsoids, radar, paths, scene, accuracy, echoes, scatterers."""
 
 from t2d_rt.core.calls import public
 from t2d_rt.types.accuracy import Accuracy, PathTier

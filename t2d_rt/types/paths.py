@@ -132,7 +132,7 @@ class OneWayPath(_Compared):
 
     @property
     def course(self) -> Hashable:
-        """The same for one-way paths from the same place by the same planes, whatever lies in these."""
+        """Geometry of the path: equal for paths from the same antenna over the same planes, whatever surfaces lie in these."""
         numbers = self.antenna_m, self.elements.normal, self.elements.offset_m, self.elements.through
         return tuple(np.concatenate([values.ravel() for values in numbers]).tolist())
 

@@ -74,7 +74,7 @@ def kind_named(name: str) -> type[Mover]:
 
 
 def with_words(entry: Any, key: str, value: Any, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields with `value`, if there is one, added as `key`."""
+    """Fields with `value`, if there is one, added as `key`; refuses a key that `entry` gives twice."""
     if value and key in fields:
         raise InputError(f"{entry!r:.100} gives {key} twice; give it once")
     return {**fields, key: value} if value else dict(fields)
