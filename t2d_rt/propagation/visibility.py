@@ -275,10 +275,10 @@ class Occlusion:
 class ExactVisibility:
     """Visibility of facets' own vertices at just the instants asked for, traced through `occluders`: not sampled, no cage.
 
-    Instants less than `SAME_S` apart are traced once.
+    Instants less than `SAME_S` apart are traced once, and as many together as have `FACES_AT_ONCE`, which take about 1 GB.
     """
 
-    SAME_S = 1e-3
+    SAME_S, FACES_AT_ONCE = 1e-3, 4_000_000
 
     def __init__(
         self,
@@ -303,21 +303,26 @@ class ExactVisibility:
         for number, time_s in enumerate(times_s):
             if abs(time_s - last) > self.SAME_S:
                 fresh[number], last = True, time_s
+        rows, at_once = np.flatnonzero(fresh), max(1, self.FACES_AT_ONCE // len(self._occluders.faces))
+        together = np.split(rows, range(at_once, len(rows), at_once))
+        visibility = np.concatenate([self._traced(times_s[some], vertices[some], faces) for some in together])
+        return np.asarray(visibility[np.cumsum(fresh) - 1])
+
+    def _traced(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+        """`fraction` at instants that are all traced."""
         of_faces = incidence(faces, vertices.shape[1])
-        alone, obstacles = self._obstacles(times_s[fresh])
-        fresh_vertices, owner = vertices[fresh], np.full(vertices.shape[1], self._own)
-        results = []
-        for points, before in zip(fresh_vertices, obstacles, strict=True):
+        alone, obstacles = self._obstacles(times_s)
+        owner, results = np.full(vertices.shape[1], self._own), []
+        for points, before in zip(vertices, obstacles, strict=True):
             normal = posed_vertex_normals(points[None], faces, of_faces)
             front = np.einsum("vi,vi->v", normal[0], images(before.viewpoint)[-1] - points) > 0
             results.append((normal[0], front, before.leave_visible(points[None], normal, front[None])[0]))
         normals, front, visible = (np.stack(column) for column in zip(*results, strict=True))
         if self._wavelength_m is not None and len(self._occluders.meshes) > 1:
-            seen_points = Points(fresh_vertices, normals, owner, front, visible)
+            seen_points = Points(vertices, normals, owner, front, visible)
             seen_paths = self._viewpoint.seen_at(alone.at.times_s)
             visible = beside_others(alone, seen_paths, seen_points, wavelength_m=self._wavelength_m)
-        visibility = np.where(front, visible, np.float32(1))  # beyond the horizon facets show their back
-        return np.asarray(visibility[np.cumsum(fresh) - 1])
+        return np.where(front, visible, np.float32(1))  # beyond the horizon facets show their back
 
     def _obstacles(self, times_s: np.ndarray) -> tuple[MeshesAlone, list[_Obstacles]]:
         """Occluders at each of these times, and as rays meet them: facets and diffuse points ask for the same ones."""

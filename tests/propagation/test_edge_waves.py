@@ -304,6 +304,27 @@ def test_instants_together_are_as_each_alone(backend: Backend) -> None:
     assert np.ptp(together, axis=0).max() > 0.5
 
 
+def test_exact_visibility_of_many_faces_is_traced_a_few_instants_at_a_time(
+    backend: Backend, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    times_s = np.linspace(0.0, 1.0, 5)
+    aside_m = np.linspace(-0.05, 0.05, 5)[:, None, None] * [0.0, 1.0, 0.0]
+    meshes = [screen(0.0), MovingMesh(small().rest + aside_m, FACES, times_s)]
+    exact = ExactVisibility(meshes, SIGHT, own=1, backend=backend, wavelength_m=WAVELENGTH_M)
+    together = exact.fraction(times_s, meshes[1].at(times_s), FACES)
+    counts: list[int] = []
+    at = Occluders.at
+
+    def counted(self: Occluders, at_s: np.ndarray) -> object:
+        counts.append(len(at_s))
+        return at(self, at_s)
+
+    monkeypatch.setattr(Occluders, "at", counted)
+    monkeypatch.setattr(ExactVisibility, "FACES_AT_ONCE", 2 * sum(len(mesh.faces) for mesh in meshes))
+    np.testing.assert_allclose(exact.fraction(times_s, meshes[1].at(times_s), FACES), together, atol=1e-5)
+    assert counts == [2, 2, 1]
+
+
 @pytest.mark.parametrize("covered_m", [pytest.param(-0.05, marks=pytest.mark.slow), 0.02])
 def test_an_echo_passes_the_edge_out_and_back(covered_m: float) -> None:
     """Of a sphere of 10 cm radius half-way behind a screen's edge, beside its echo alone."""
