@@ -9,8 +9,11 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 import t2d_rt as t2d
+from t2d_rt.core.backend import select
 from t2d_rt.core.resources import resource
 from t2d_rt.motion import quaternions
+from t2d_rt.propagation.occluders import Occluders
+from t2d_rt.propagation.visibility import Occlusion, viewpoints_at
 from t2d_rt.types import Motion, MovingMesh, Radar
 
 WALK, RUN = "12_01_walk.bvh", "iclone_002_03_run_jog.bvh.gz"
@@ -25,6 +28,13 @@ def recorded(name: str, angle_deg: float = 0.0) -> Motion:
 def walking(start_s: float, stop_s: float, name: str = WALK, angle_deg: float = 0.0) -> MovingMesh:
     """The skinned body over a part of a bundled motion."""
     return t2d.skin(t2d.trim(recorded(name, angle_deg), start_s, stop_s))
+
+
+def occlusion_of(body: MovingMesh, radar: Radar, samples_s: np.ndarray) -> Occlusion:
+    """How a body hides itself from the radar, traced at sample times."""
+    return Occlusion.alone(
+        Occluders([body]), *viewpoints_at([radar.tx_position_m]), samples_s=samples_s, backend=select("auto"), wavelength_m=None
+    )  # fmt: skip
 
 
 def random_chirps(surface: MovingMesh, radar: Radar, count: int, seed: int = 0) -> np.ndarray:

@@ -25,11 +25,8 @@ from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.motion.generate import motion_from_text
 from t2d_rt.motion.interpolate import trim
 from t2d_rt.types import Motion
-from validation.motions.limits import class_of, read
+from validation.motions.limits import class_of, sound_recordings
 from validation.motions.population import BANDS_HZ, diversity, spectrum_difference_db
-
-LEAST_S = 0.7
-"""Shorter recordings are not compared."""
 
 
 def made(activity: Activity, count: int, seed: int) -> tuple[list[Motion], list[str]]:
@@ -151,12 +148,7 @@ def main() -> None:
     parser.add_argument("--sheets", type=Path)
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
-    left_out = shipped_limits().left_out
-    recordings = {
-        name: each
-        for name, each in read(options.recordings).items()
-        if name not in left_out and each.duration_s > LEAST_S
-    }
+    recordings = sound_recordings(options.recordings)
     for activity in [options.only] if options.only else ACTIVITIES:
         start = time.perf_counter()
         motions, sentences = made(activity, options.n, options.seed)

@@ -21,7 +21,7 @@ from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import load_motion, resample
 from t2d_rt.motion.check.gait import gait_of
 from t2d_rt.motion.check.measures import Measures, jump_m, measures_of, tracks
-from t2d_rt.motion.check.verdict import FILE, GAIT_SIGNS, SENTENCES, Limits, judged
+from t2d_rt.motion.check.verdict import FILE, GAIT_SIGNS, SENTENCES, Limits, judged, shipped_limits
 from t2d_rt.types.motion import Motion
 
 RATES_HZ = 10.0, 15.0, 20.0, 30.0, 60.0
@@ -77,6 +77,16 @@ def true_size(motion: Motion, name: str) -> Motion:
         if re.match(pattern, name):
             return motion.edited(f"in {factor:g} of its size", joints=factor * motion.joints)
     return motion
+
+
+LEAST_S = 0.7
+"""Shorter recordings are not compared."""
+
+
+def sound_recordings(folder: Path) -> dict[str, Motion]:
+    """Recordings below a folder that are long enough, but for those that the shipped limits leave out."""
+    left_out = shipped_limits().left_out
+    return {name: each for name, each in read(folder).items() if name not in left_out and each.duration_s > LEAST_S}
 
 
 def class_of(name: str) -> str | None:

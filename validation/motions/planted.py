@@ -19,7 +19,6 @@ import numpy as np
 from t2d_rt.core.errors import InputError, T2DWarning
 from t2d_rt.motion import trim
 from t2d_rt.motion.check import check_motion, copies
-from t2d_rt.motion.check.verdict import shipped_limits
 from t2d_rt.motion.descriptions.grammar import grammar_descriptions
 from t2d_rt.motion.descriptions.slots import ACTIVITIES, GAIT_TYPES, Activity
 from t2d_rt.motion.generate import motion_from_text
@@ -27,9 +26,8 @@ from t2d_rt.motion.kinematics import motion_of, poses_of
 from t2d_rt.motion.vary import mirror
 from t2d_rt.motion.vary.abnormal import abnormal_walk
 from t2d_rt.types.motion import Motion
-from validation.motions.classes import LEAST_S
 from validation.motions.gaits import Normal, figures, limit_of, recorded_walks
-from validation.motions.limits import class_of, read
+from validation.motions.limits import class_of, sound_recordings
 from validation.motions.seeds import SENTENCES
 
 Fault = Callable[[Motion, np.random.Generator], Motion]
@@ -137,13 +135,8 @@ def main() -> None:
     parser.add_argument("-n", type=int, default=40)
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
-    left_out = shipped_limits().left_out
-    recorded = {
-        name: each
-        for name, each in read(options.recordings).items()
-        if class_of(name) and name not in left_out and each.duration_s > LEAST_S
-    }
-    told("sound recordings", [check_motion(each).reasons for each in recorded.values()])
+    recorded = [each for name, each in sound_recordings(options.recordings).items() if class_of(name)]
+    told("sound recordings", [check_motion(each).reasons for each in recorded])
     of = {activity: made(activity, options.n) for activity in ACTIVITIES}
     for activity, motions in of.items():
         told(f"made, {activity}", [check_motion(each, expected=activity).reasons for each in motions])

@@ -16,11 +16,9 @@ import numpy as np
 
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.motion.check import check_motion
-from t2d_rt.motion.check.verdict import shipped_limits
 from t2d_rt.motion.descriptions.slots import Activity
 from t2d_rt.motion.generate import motion_from_text
-from validation.motions.classes import LEAST_S
-from validation.motions.limits import class_of, read
+from validation.motions.limits import class_of, sound_recordings
 from validation.motions.population import diversity
 
 SENTENCES: Mapping[Activity, str] = {
@@ -36,12 +34,7 @@ def main() -> None:
     parser.add_argument("--class", dest="only", choices=[*SENTENCES])
     options = parser.parse_args()
     warnings.simplefilter("ignore", T2DWarning)
-    left_out = shipped_limits().left_out
-    recordings = [
-        (class_of(name), each)
-        for name, each in read(options.recordings).items()
-        if name not in left_out and each.duration_s > LEAST_S
-    ]
+    recordings = [(class_of(name), each) for name, each in sound_recordings(options.recordings).items()]
     for activity in [options.only] if options.only else SENTENCES:
         motions = [motion_from_text(SENTENCES[activity], seed=seed) for seed in range(options.n)]
         verdicts = [check_motion(each, expected=activity) for each in motions]

@@ -12,15 +12,14 @@ import t2d_rt as t2d
 from t2d_rt.body.materials import resolve_material
 from t2d_rt.body.template import template
 from t2d_rt.core.backend import select
-from t2d_rt.propagation.occluders import Occluders
-from t2d_rt.propagation.visibility import Occlusion, sample_times, viewpoints_at
+from t2d_rt.propagation.visibility import sample_times
 from t2d_rt.scattering.ellipsoid import specular_points
 from t2d_rt.scattering.mesh import Detail, mesh_echoes
 from t2d_rt.scattering.paths import PathVisibility
 from t2d_rt.signal import PointCloud, point_cloud, range_angle, steering_vectors, unit_vectors
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
 from t2d_rt.types.motion import CANONICAL_JOINTS
-from validation.bodies import walking
+from validation.bodies import occlusion_of, walking
 from validation.methods.reference import nmse_db
 from validation.physics.rcs import SPHEROID_M, sphere
 from validation.report import Check, Section, at_least, at_most, new_figure, save_chart
@@ -262,13 +261,7 @@ def _torso(body: MovingMesh, position: np.ndarray, times_s: np.ndarray) -> np.nd
 def _power(body: MovingMesh, radar: Radar, times_s: np.ndarray) -> np.ndarray:
     """Mean of the echoes' places weighted with their powers, (T, 3)."""
     samples_s = sample_times(float(body.times_s[0]), float(body.times_s[-1]), 25.0)
-    view = Occlusion.alone(
-        Occluders([body]),
-        *viewpoints_at([radar.tx_position_m]),
-        samples_s=samples_s,
-        backend=select("auto"),
-        wavelength_m=None,
-    )
+    view = occlusion_of(body, radar, samples_s)
     material = resolve_material("skin", radar.mid_frequency_hz)
     echoes = mesh_echoes(
         body, radar, times_s=times_s, material=material, detail=Detail(sagitta_rad=body.sagitta_rad), seed=0,

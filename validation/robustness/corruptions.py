@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 import numpy as np
 
@@ -29,128 +30,117 @@ AGREES_MPS = 0.05
 # --- corruptions ---
 
 
-def _lost(frames: slice, value: float, joint: str | None = None) -> Callable[[Table], Table]:
+P = ParamSpec("P")
+
+
+def _change(altered: Callable[Concatenate[Table, P], Table]) -> Callable[P, Callable[[Table], Table]]:
+    """A corruption by its figures: `altered` gets a copy of the table before them."""
+
+    def of_figures(*figures: P.args, **named: P.kwargs) -> Callable[[Table], Table]:
+        return lambda table: altered(replace(table, values=table.values.copy()), *figures, **named)
+
+    return of_figures
+
+
+@_change
+def _lost(table: Table, frames: slice, value: float, joint: str | None = None) -> Table:
     """Frames, or one joint in them, at a value that stands for "not seen"; of a format with rotations the whole row."""
-
-    def corrupted(table: Table) -> Table:
-        found = _copy(table)
-        here = slice(round(frames.start * table.rate_hz), round(frames.stop * table.rate_hz))
-        (found.point(joint) if joint and table.names else found.values)[here] = value
-        return found
-
-    return corrupted
+    here = slice(round(frames.start * table.rate_hz), round(frames.stop * table.rate_hz))
+    (table.point(joint) if joint and table.names else table.values)[here] = value
+    return table
 
 
-def _held(frames: slice, part: str = "values") -> Callable[[Table], Table]:
+@_change
+def _held(table: Table, frames: slice, part: str = "values") -> Table:
     """The body, or its root alone, held over a time [s]."""
-
-    def corrupted(table: Table) -> Table:
-        found = _copy(table)
-        first, stop = round(frames.start * table.rate_hz), round(frames.stop * table.rate_hz)
-        getattr(found, part)[first:stop] = getattr(found, part)[first]
-        return found
-
-    return corrupted
+    first, stop = round(frames.start * table.rate_hz), round(frames.stop * table.rate_hz)
+    getattr(table, part)[first:stop] = getattr(table, part)[first]
+    return table
 
 
+@_change
 def _held_joint(table: Table) -> Table:
-    found = _copy(table)
-    track = found.point("left_wrist") if table.names else found.turns[:, 3 * 18 : 3 * 18 + 3]
+    track = table.point("left_wrist") if table.names else table.turns[:, 3 * 18 : 3 * 18 + 3]
     track[60:66] = track[60]
-    return found
+    return table
 
 
-def _repeated(source_hz: float, file_hz: float, dither: float = 0.0) -> Callable[[Table], Table]:
+@_change
+def _repeated(table: Table, source_hz: float, file_hz: float, dither: float = 0.0) -> Table:
     """A slower source held to a file's rate."""
-
-    def corrupted(table: Table) -> Table:
-        motion = len(table.values) / table.rate_hz
-        at = np.arange(int(motion * source_hz)) / source_hz * table.rate_hz
-        low = np.floor(at).astype(int).clip(0, len(table.values) - 2)
-        part = (at - low).reshape(-1, *[1] * (table.values.ndim - 1))
-        source = (1 - part) * table.values[low] + part * table.values[low + 1]
-        shown = np.floor(np.arange(int(motion * file_hz)) / file_hz * source_hz + 1e-9).astype(int)
-        values = source[shown.clip(0, len(source) - 1)]
-        values = values + dither * np.random.default_rng(0).choice([-1.0, 0.0, 1.0], values.shape)
-        return replace(table, values=values, rate_hz=file_hz)
-
-    return corrupted
+    motion = len(table.values) / table.rate_hz
+    at = np.arange(int(motion * source_hz)) / source_hz * table.rate_hz
+    low = np.floor(at).astype(int).clip(0, len(table.values) - 2)
+    part = (at - low).reshape(-1, *[1] * (table.values.ndim - 1))
+    source = (1 - part) * table.values[low] + part * table.values[low + 1]
+    shown = np.floor(np.arange(int(motion * file_hz)) / file_hz * source_hz + 1e-9).astype(int)
+    values = source[shown.clip(0, len(source) - 1)]
+    values = values + dither * np.random.default_rng(0).choice([-1.0, 0.0, 1.0], values.shape)
+    return replace(table, values=values, rate_hz=file_hz)
 
 
-def _moved(start_s: float, stop_s: float | None, by_m: float) -> Callable[[Table], Table]:
+@_change
+def _moved(table: Table, start_s: float, stop_s: float | None, by_m: float) -> Table:
     """The whole body elsewhere from one time to another, or to the end."""
-
-    def corrupted(table: Table) -> Table:
-        found = _copy(table)
-        stop = None if stop_s is None else round(stop_s * table.rate_hz)
-        found.root[round(start_s * table.rate_hz) : stop, ..., 0] += by_m * table.metre
-        return found
-
-    return corrupted
+    stop = None if stop_s is None else round(stop_s * table.rate_hz)
+    table.root[round(start_s * table.rate_hz) : stop, ..., 0] += by_m * table.metre
+    return table
 
 
-def _cut_out(start_s: float, stop_s: float) -> Callable[[Table], Table]:
+@_change
+def _cut_out(table: Table, start_s: float, stop_s: float) -> Table:
     """Frames cut out of the take."""
-
-    def corrupted(table: Table) -> Table:
-        first, stop = round(start_s * table.rate_hz), round(stop_s * table.rate_hz)
-        return replace(table, values=np.delete(table.values, slice(first, stop), axis=0))
-
-    return corrupted
+    first, stop = round(start_s * table.rate_hz), round(stop_s * table.rate_hz)
+    return replace(table, values=np.delete(table.values, slice(first, stop), axis=0))
 
 
-def _swapped(start_s: float, stop_s: float | None, *joints: str) -> Callable[[Table], Table]:
+@_change
+def _swapped(table: Table, start_s: float, stop_s: float | None, *joints: str) -> Table:
     """Left for right."""
-
-    def corrupted(table: Table) -> Table:
-        found = _copy(table)
-        here = slice(round(start_s * table.rate_hz), None if stop_s is None else round(stop_s * table.rate_hz))
-        for joint in joints:
-            left, right = (found.point(f"{side}_{joint}") for side in ("left", "right"))
-            left[here], right[here] = right[here].copy(), left[here].copy()
-        return found
-
-    return corrupted
+    here = slice(round(start_s * table.rate_hz), None if stop_s is None else round(stop_s * table.rate_hz))
+    for joint in joints:
+        left, right = (table.point(f"{side}_{joint}") for side in ("left", "right"))
+        left[here], right[here] = right[here].copy(), left[here].copy()
+    return table
 
 
-def noisy(place_m: float, degrees: float) -> Callable[[Table], Table]:
+@_change
+def noisy(table: Table, place_m: float, degrees: float) -> Table:
     """Noise of each frame: of places, and of angles."""
-
-    def corrupted(table: Table) -> Table:
-        found, rng = _copy(table), np.random.default_rng(1)
-        found.root[...] += table.metre * place_m * rng.normal(size=found.root.shape)
-        if not table.names:
-            found.turns[...] += table.degree * degrees * rng.normal(size=found.turns.shape)
-        return found
-
-    return corrupted
+    rng = np.random.default_rng(1)
+    table.root[...] += table.metre * place_m * rng.normal(size=table.root.shape)
+    if not table.names:
+        table.turns[...] += table.degree * degrees * rng.normal(size=table.turns.shape)
+    return table
 
 
+@_change
 def _spike(table: Table) -> Table:
-    found = _copy(table)
     if table.names:
-        found.point("left_ankle")[50:52] += [0.5, 0.4, 0.3]
+        table.point("left_ankle")[50:52] += [0.5, 0.4, 0.3]
     else:
-        found.root[50:52] += 0.6 * table.metre
-    return found
+        table.root[50:52] += 0.6 * table.metre
+    return table
 
 
+@_change
 def _scattered(table: Table) -> Table:
     """A tenth of the joints' samples, or of the frames, not there."""
-    found, rng = _copy(table), np.random.default_rng(2)
-    found.values[rng.random(found.values.shape[: found.values.ndim - 1]) < 0.1] = np.nan
-    return found
+    rng = np.random.default_rng(2)
+    table.values[rng.random(table.values.shape[: table.values.ndim - 1]) < 0.1] = np.nan
+    return table
 
 
+@_change
 def _other(table: Table) -> Table:
     """The tracker goes over to somebody else 2 m aside for a third of a second, who walks the other way."""
-    found = _copy(table)
     first, stop = len(table.values) // 3, len(table.values) // 3 + round(table.rate_hz / 3)
-    found.values[first:stop] = table.values[first:stop][::-1]
-    found.root[first:stop, ..., 0] += 2.0 * table.metre
-    return found
+    table.values[first:stop] = table.values[first:stop][::-1].copy()
+    table.root[first:stop, ..., 0] += 2.0 * table.metre
+    return table
 
 
+@_change
 def _two_subjects(table: Table) -> Table:
     """A second person, 1.5 m aside and the other way, whose points follow under another prefix."""
     other = table.values[::-1] + np.array([1.5, 0.0, 0.0])
@@ -158,34 +148,28 @@ def _two_subjects(table: Table) -> Table:
     return replace(table, values=np.concatenate([table.values, other], axis=1), names=names)
 
 
-def _tilted(degrees: float, rise_m: float) -> Callable[[Table], Table]:
+@_change
+def _tilted(table: Table, degrees: float, rise_m: float) -> Table:
     """Seen by a camera that is pitched and stands above the floor (y up)."""
-
-    def corrupted(table: Table) -> Table:
-        sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
-        turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
-        return replace(table, values=table.values @ turn.T - np.array([0.0, rise_m, 0.0]))
-
-    return corrupted
+    sine, cosine = np.sin(np.radians(degrees)), np.cos(np.radians(degrees))
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+    return replace(table, values=table.values @ turn.T - np.array([0.0, rise_m, 0.0]))
 
 
-def _clocked(factor: float) -> Callable[[Table], Table]:
+@_change
+def _clocked(table: Table, factor: float) -> Table:
     """A rate that is not that of the frames."""
-    return lambda table: replace(table, rate_hz=factor * table.rate_hz)
+    return replace(table, rate_hz=factor * table.rate_hz)
 
 
+@_change
 def _in_place(table: Table) -> Table:
     """The hips stay where they were."""
-    found = _copy(table)
     if table.names:
-        found.values[:] -= 0.5 * (table.point("left_hip") + table.point("right_hip"))[:, None]
+        table.values[:] -= 0.5 * (table.point("left_hip") + table.point("right_hip"))[:, None]
     else:
-        found.root[:] = found.root[:1]
-    return found
-
-
-def _copy(table: Table) -> Table:
-    return replace(table, values=table.values.copy())
+        table.root[:] = table.root[:1]
+    return table
 
 
 BRIDGED, JUMP, HELD, NOISE = ("bridged",), ("jumps", "swapped", "bridged"), ("stood", "bridged"), ("noise", "smoothed")
@@ -205,21 +189,21 @@ CORRUPTIONS: dict[str, tuple[Callable[[Table], Table], tuple[str, ...], tuple[st
     "frames of zeros for 0.15 s": (_lost(slice(1.0, 1.15), 0.0), BRIDGED, FORMS),
     "frames lost for 0.8 s": (_lost(slice(0.5, 1.3), np.nan), BRIDGED, FORMS),
     "frames of zeros for 0.8 s": (_lost(slice(0.5, 1.3), 0.0), BRIDGED, FORMS),
-    "a tenth lost at random": (_scattered, BRIDGED, FORMS),
+    "a tenth lost at random": (_scattered(), BRIDGED, FORMS),
     "frozen for 0.1 s": (_held(slice(1.0, 1.1)), JUMP, FORMS),
     "frozen for 0.2 s": (_held(slice(1.5, 1.7)), JUMP, FORMS),
     "frozen for 0.5 s": (_held(slice(1.0, 1.5)), JUMP, FORMS),
     "the root held for 0.2 s": (_held(slice(1.0, 1.2), "root"), JUMP, FORMS),
     "the root held for 0.4 s": (_held(slice(1.0, 1.4), "root"), JUMP, FORMS),
-    "a wrist held for 0.1 s": (_held_joint, JUMP, POINTS),
+    "a wrist held for 0.1 s": (_held_joint(), JUMP, POINTS),
     "0.4 s cut out": (_cut_out(1.0, 1.4), JUMP, FORMS),
     "0.2 s cut out": (_cut_out(1.3, 1.5), JUMP, FORMS),
     "moved by 1 m": (_moved(1.5, None, 1.0), JUMP, FORMS),
     "moved by 0.3 m": (_moved(1.5, None, 0.3), JUMP, FORMS),
     "away by 2 m for 0.1 s": (_moved(1.5, 1.6, 2.0), JUMP, FORMS),
     "away by 2 m for 0.6 s": (_moved(1.2, 1.8, 2.0), JUMP, FORMS),
-    "another person for 0.3 s": (_other, JUMP, FORMS),
-    "a spike": (_spike, JUMP, FORMS),
+    "another person for 0.3 s": (_other(), JUMP, FORMS),
+    "a spike": (_spike(), JUMP, FORMS),
     "all sides swapped for 0.1 s": (
         _swapped(1.0, 1.1, "hip", "knee", "ankle", "shoulder", "elbow", "wrist"), JUMP, POINTS,
     ),
@@ -234,11 +218,11 @@ CORRUPTIONS: dict[str, tuple[Callable[[Table], Table], tuple[str, ...], tuple[st
     "20 in 60 Hz, last digit loose": (_repeated(20.0, 60.0, 1e-4), HELD, FORMS),
     "noise of 3 mm and 1 degree": (noisy(0.003, 1.0), NOISE, FORMS),
     "noise of 10 mm and 2 degrees": (noisy(0.01, 2.0), NOISE, FORMS),
-    "two subjects": (_two_subjects, ("Ben", "Ann"), ("trc", "npz")),
+    "two subjects": (_two_subjects(), ("Ben", "Ann"), ("trc", "npz")),
     "a camera pitched by 10 degrees": (_tilted(10.0, 0.7), ("level", "tilt", "turned"), POINTS),
     "a camera pitched by 25 degrees": (_tilted(25.0, 1.2), ("level", "tilt", "turned"), POINTS),
     "twice the rate": (_clocked(2.0), ("would fit",), ("bvh", "trc", "npz")),
-    "in place": (_in_place, ("hips never move",), FORMS),
+    "in place": (_in_place(), ("hips never move",), FORMS),
 }  # fmt: skip
 """What is done to a file, the words of which one must be said where another motion is read, and the formats that can have it."""
 

@@ -9,11 +9,10 @@ from scipy.signal.windows import blackmanharris
 
 import t2d_rt as t2d
 from t2d_rt.core.backend import select
-from t2d_rt.propagation.occluders import Occluders
 from t2d_rt.propagation.rays import columns, mitsuba, mitsuba_mesh, traceable
-from t2d_rt.propagation.visibility import Occlusion, viewpoints_at
 from t2d_rt.scattering.phase_integral import divided_difference
 from t2d_rt.types import PEC, Ellipsoids, MovingMesh, Radar
+from validation.bodies import occlusion_of
 from validation.methods.stability.case import Case, Theme
 from validation.methods.stability.targets import decibel
 from validation.physics.rcs import SPHEROID_M, TIMES_S, sphere
@@ -112,13 +111,7 @@ def grazing(radar: Radar) -> Case:
     ray.maxt = mi.Float((distance - RAY_LIFT_M).astype(np.float32))
     stopped = traceable(mi, mitsuba_mesh(mi, proxy, faces)).ray_test(ray).numpy()
     samples_s = np.zeros(2)
-    view = Occlusion.alone(
-        Occluders([ball]),
-        *viewpoints_at([radar.tx_position_m]),
-        samples_s=samples_s,
-        backend=select("auto"),
-        wavelength_m=None,
-    )
+    view = occlusion_of(ball, radar, samples_s)
     sampled = view.visibility(samples_s[:1])[0][0]
     return Case(
         "grazing rays, lit vertices of a sphere said to be occluded",

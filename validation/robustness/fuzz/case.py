@@ -229,6 +229,12 @@ def listing(folder: Path) -> dict[str, tuple[int, int]]:
     }
 
 
+def changed_since(before: dict[str, tuple[int, int]], folder: Path) -> list[str]:
+    """Names of files that came, went or changed since a listing."""
+    after = listing(folder)
+    return sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
+
+
 def leaving_nothing(act: Callable[[], T], folder: Path) -> Callable[[], T]:
     """The same, wrong where a refusal leaves files behind or changes some."""
 
@@ -237,9 +243,7 @@ def leaving_nothing(act: Callable[[], T], folder: Path) -> Callable[[], T]:
         try:
             return act()
         except T2DError as error:
-            after = listing(folder)
-            changed = sorted(name for name in before.keys() | after.keys() if before.get(name) != after.get(name))
-            if changed:
+            if changed := changed_since(before, folder):
                 raise Wrong(f"refused ({str(error)[:200]}), but {changed[0]} was left or changed") from None
             raise
 
@@ -254,9 +258,7 @@ def writing_only(act: Callable[[], T], folder: Path, allowed: str) -> Callable[[
         try:
             return act()
         finally:
-            after = listing(folder)
-            changed = {name for name in before.keys() | after.keys() if before.get(name) != after.get(name)}
-            outside = sorted(name for name in changed if not name.startswith(f"{allowed}/"))
+            outside = [name for name in changed_since(before, folder) if not name.startswith(f"{allowed}/")]
             if outside:
                 raise Wrong(f"{outside[0]} was written, outside {allowed}")
 
