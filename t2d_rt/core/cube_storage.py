@@ -37,17 +37,15 @@ class ScratchFile:
 
     def __init__(self) -> None:
         try:
-            file = tempfile.TemporaryFile(prefix="t2d-rt-", buffering=0)  # noqa: SIM115  # lives as long as the object
+            with tempfile.TemporaryFile(prefix="t2d-rt-", buffering=0) as file:
+                self._file = os.dup(file.fileno())
         except OSError as error:
             raise _no_room(error) from error
-        self._opened = file
-        """The open file. It is closed with this object and not before: during shutdown its descriptor may already belong to another
-        file."""
-        self._file = file.fileno()
         self.size = 0
         """Size of the file [bytes]."""
         self._failed: InputError | None = None
-        weakref.finalize(self, file.close).atexit = False
+        # Closed with this object and not during shutdown, when the descriptor may already belong to another file.
+        weakref.finalize(self, os.close, self._file).atexit = False
 
     def read(self, offset: int, shape: tuple[int, ...]) -> np.ndarray:
         """Reads complex64 numbers of a shape, from an offset [bytes]."""

@@ -10,6 +10,8 @@ import multiprocessing
 import os
 import pickle
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -271,6 +273,12 @@ def test_a_full_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     back = pickle.loads(content)  # an error here would leave a pool waiting for ever
     with pytest.raises(InputError, match="No space left on device"):
         _ = back.adc.values
+
+
+def test_a_cube_that_is_there_at_the_end_of_a_program_is_no_warning() -> None:
+    program = "from t2d_rt.core.cube_storage import ScratchFile; file = ScratchFile()"
+    done = subprocess.run([sys.executable, "-W", "always", "-c", program], capture_output=True, text=True, check=True)
+    assert "ResourceWarning" not in done.stderr
 
 
 def test_no_place_for_temporary_files(monkeypatch: pytest.MonkeyPatch) -> None:
