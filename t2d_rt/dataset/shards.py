@@ -34,8 +34,6 @@ SPOOL = "spool"
 """Folder of finished samples whose shards are not complete, each stored like a shard of one: INDEX.npz and INDEX.jsonl."""
 PART = ".part"
 """Ending of files that are still being written."""
-BLOCK = 2**20
-"""Number of bytes that are read at once from a file that is only compared."""
 TIME = 1980, 1, 1, 0, 0, 0
 """Date of the files in an archive; a constant, so that the same arrays give the same bytes."""
 RAGGED = frozenset({"points", "adc", "truth"})
@@ -181,11 +179,8 @@ def sha256(data: bytes) -> str:
 
 def file_sha256(path: Path) -> str:
     """Checksum of a file, which is read block by block, as one with ADC samples may have gigabytes."""
-    digest = hashlib.sha256()
     with regular_file(path, noun="shard") as file:
-        while block := file.read(BLOCK):
-            digest.update(block)
-    return digest.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def numbers(folder: Path) -> Iterator[int]:

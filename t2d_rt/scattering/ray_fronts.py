@@ -103,19 +103,11 @@ class Front:
     def only(self, tubes: np.ndarray) -> Front:
         """Some of the tubes, bool (M,), and their paths."""
         used, triangles = np.unique(self.triangles[tubes], return_inverse=True)
+        of_tubes = ("weight", "reflection", "lead", "number")
+        of_paths = [name for name in Front.__slots__ if name not in ("triangles", *of_tubes)]
+        paths = {name: getattr(self, name)[used] for name in of_paths}
         return Front(
-            self.faces[used],
-            self.coordinates[used],
-            self.sense[used],
-            self.length_m[used],
-            self.place[used],
-            self.normal[used],
-            self.incoming[used],
-            triangles.reshape(-1, 3),
-            self.weight[tubes],
-            self.reflection[tubes],
-            self.lead[tubes],
-            self.number[tubes],
+            **paths, triangles=triangles.reshape(-1, 3), **{name: getattr(self, name)[tubes] for name in of_tubes}
         )
 
 
