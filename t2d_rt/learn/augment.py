@@ -31,7 +31,7 @@ class Augment(Fields):
 
     background_db: Annotated[Number, Field(ge=-100, le=0)] | None = None
     """Greatest level of the noise floor of a learned background, relative to the map's greatest cell [dB]; it is drawn from 20 dB
-    below that on. None adds no background."""
+    below that up to it. None adds no background."""
     masks: OcclusionMask | None = None
     """Time windows in which the map shows the background, or nothing where there is none."""
     shift: Annotated[Number, Field(ge=0, le=0.5)] = 0.0
@@ -136,7 +136,7 @@ class Augmenter:
 
 
 def _shifted(levels: np.ndarray, columns: int) -> np.ndarray:
-    """Levels moved by so many columns; the gap at the end is filled by a mirror image."""
+    """Levels moved by so many columns; the gap at one end is filled by a mirror image."""
     if columns == 0:
         return levels
     padded = np.pad(levels, ((0, 0), (max(columns, 0), max(-columns, 0))), mode="symmetric")

@@ -51,8 +51,9 @@ def fitted(
 ) -> tuple[list[dict[str, float]], float | None]:
     """Trains a network in place, and leaves it with the weights of the epoch with the least validation loss.
 
-    keep_at: file of the state, which is written after each epoch. Returns the log of the epochs, and the mean duration of one [s],
-    None where all were done before.
+    keep_at: file of the state, which is written after each epoch; None keeps none.
+
+    Returns the log of the epochs, and the mean duration of one [s], None where all were done before.
     """
     state = None if keep_at is None or not keep_at.exists() else read_state(keep_at, network)
     training = Training(network, maps, options, dynamic_range_db)
@@ -139,7 +140,7 @@ class Training:
         """Trains on all batches once, validates, logs the result, keeps the weights if they are the best so far, and updates the
         learning rate."""
         options, epoch, (group,) = self._options, len(self.history), self._optimizer.param_groups
-        torch.manual_seed(options.seed * 100_003 + epoch)  # random draws within the network depend on the epoch only
+        torch.manual_seed(options.seed * 100_003 + epoch)  # random draws in the network follow from seed and epoch
         if options.schedule == "cosine":
             group["lr"] = options.rate_of(epoch)
         order = np.random.default_rng([options.seed, epoch, 0]).permutation(len(self._train))

@@ -91,7 +91,7 @@ def reliability_figure(scores: Scores, *, title: str) -> Figure:
 
 
 def prediction_figure(recording: Recording, prediction: Prediction, *, title: str) -> Figure:
-    """The spectrogram as the network sees it but with static echoes, and below it the probability of each class over time. Names
+    """The spectrogram, with static echoes treated as for the network, and below it the probability of each class over time. Names
     are those of the likeliest course of activities, where one lasts long enough for its name."""
     figure = NotebookFigure(figsize=(10, 6.4), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2, 1])

@@ -206,8 +206,8 @@ def seeded(seed: int) -> None:
 
 
 def augmented(inputs: Tensor, generator: torch.Generator) -> Tensor:
-    """Events (B, V, speed, time), each with a random shift in time and scale; half of them with the sign of the radars' speeds
-    reversed."""
+    """Events (B, V, speed, time), each with a random circular shift in time and a random scale; each radar's speeds have their sign
+    reversed with a probability of one half."""
     augmented_events = []
     for event in inputs:
         shift = int(torch.randint(-SHIFT_ROWS, SHIFT_ROWS + 1, (1,), generator=generator))

@@ -267,7 +267,7 @@ def relative_levels(
 ) -> np.ndarray:
     """Powers (speed, time) in any unit as levels of a map of a given size [dB below its greatest cell], float32.
 
-    rows: range of speeds that the map covers, in rows, as for `resized`.
+    rows: where the map begins and ends on the axis of speeds, as fractions 0..1 of it.
     """
     cells = resized(power, size, rows)
     greatest = max(float(cells.max()), 1e-300)

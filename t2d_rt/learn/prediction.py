@@ -34,7 +34,7 @@ APART = 1e-3
 gives one window."""
 OVER_NOISE, BEYOND = 20.0, 0.01
 """Factor above the median cell from which a cell is certainly an echo, as only one noise cell in a million exceeds it; and fraction
-of the echoes' power at speeds outside of the training's from which there is a warning."""
+of all power that such cells at speeds outside of the training's may have before there is a warning."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

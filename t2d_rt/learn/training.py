@@ -128,7 +128,8 @@ def train_model(
 
 @contextmanager
 def _begun(output: str | Path | None, card: Card, train: LabelledMaps, val: LabelledMaps) -> Iterator[Path | None]:
-    """The output folder, checked against other trainings, with a note of what is trained in it; None where nothing is written."""
+    """The output folder, locked against other runs, with a note of what is trained in it; refuses one that holds another training
+    or other files. None where nothing is written."""
     if output is None:
         yield None
         return

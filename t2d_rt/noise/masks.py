@@ -84,7 +84,8 @@ def occlude(
     background_power: power [W] in the same shape, for the fill "background": that which was added to the spectrogram, so that its
         level and its moving parts continue through the window.
 
-    Raises InputError for negative powers, for times that do not ascend, and for the fill "background" without a background.
+    Raises InputError for negative powers, for times that do not ascend, and where the fill "background" has no `background_power`
+    or the fill "zeros" has one.
     """
     power = _power("spectrogram_power", spectrogram_power, ("velocity", "time"))
     times = array("time_s", time_s, (power.shape[1],), unit="s")

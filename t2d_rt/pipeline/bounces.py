@@ -46,7 +46,7 @@ class Bouncing:
 
     @property
     def why_not(self) -> str | None:
-        """A sentence about why the target takes no part in several bounces; None where it does."""
+        """Why the target takes no part in several bounces, as a sentence; None where it does."""
         if self.mesh is None:
             return (
                 f"{self.name} is made of ellipsoids and takes no part in several bounces; method 'mesh' has them, "

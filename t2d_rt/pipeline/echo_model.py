@@ -93,7 +93,8 @@ class Model:
         return [target.geometry for target in self.modelled]
 
     def rates_hz(self, accuracy: Accuracy) -> list[float]:
-        """Surface rate of each target [Hz]: what its motion needs, and at least the rate at which visibility is sampled."""
+        """Surface rate of each target [Hz]: `surface_rate_hz` if it is given, else what its motion needs, and for a mesh at least
+        the rate at which visibility is sampled."""
         if accuracy.surface_rate_hz is not None:
             return [accuracy.surface_rate_hz] * len(self.geometries)
         sampled_hz = accuracy.visibility_rate_hz if accuracy.occlusion else 0.0
@@ -128,8 +129,8 @@ class Model:
         return self.surface_rates[number]
 
     def own_rate(self, number: int) -> SurfaceRate:
-        """Surface rate of a target without the movement of the radar: that movement does not change what occludes the target's own
-        points."""
+        """Surface rate of a target without the movement of the radar, by which the whole world rotates alike in the radar's frame:
+        what rotates so keeps its visibility."""
         if self.radar.track is None:
             return self.rate(number)
         if number not in self.own_rates:

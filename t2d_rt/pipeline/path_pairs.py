@@ -48,7 +48,7 @@ Clutter = Literal["specular", "diffuse", "none"]
 CLUTTER_ORDER = 3
 """Greatest number of reflections of static clutter: a trihedral corner has three."""
 CEILING_M = 60.0
-"""Greatest height of a ceiling [m]; with a higher one above the radar, the scene is taken to be in other units."""
+"""Greatest height of a ceiling above the radar [m]; of a higher one there is a warning, as the scene may be in other units."""
 SLAB_M = 1.0
 """Half of the greatest thickness of a slab [m]."""
 SCATTERING_COEFFICIENT = 0.2
@@ -109,7 +109,7 @@ class ChosenPairs:
         return self.ends[0]
 
     def by_tier(self, accuracy: Accuracy) -> Iterator[tuple[PathTier, list[PathPair]]]:
-        """The tiers that have path pairs which are switched on, with these pairs."""
+        """The tiers that have path pairs, with these pairs, whether they are switched on or not."""
         for tier, first, last in zip(accuracy.tiers, [0, *self.ends], self.ends, strict=False):
             if last > first:
                 yield tier, self.pairs[first:last]

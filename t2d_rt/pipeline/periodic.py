@@ -35,11 +35,12 @@ def in_periods(
     *,
     level_db: float = 0.0,
 ) -> list[Scatterer] | None:
-    """Scatterers of a few periods that stand for the record of these surface frames; None where this would not save work.
+    """Scatterers of a few periods that stand for the record of these surface frames; None where the mesh is not periodic, or this
+    would not save work.
 
     `level_db`: level of the strongest of these path pairs relative to all others; it decides which changes of visibility matter.
-    The whole mesh has one visibility at a time. For each path pair, the median of the visibility is constant in one scatterer, and
-    the deviation from it is a gain over time on a further one.
+    The whole mesh has one visibility at a time. The first scatterer has the median visibility of each path pair; what visibility
+    departs from it over time is a gain on further ones.
     """
     span_s = float(frames_s[0]), float(frames_s[-1])
     rate_hz = (len(frames_s) - 1) / (span_s[1] - span_s[0])

@@ -43,7 +43,7 @@ class Target:
     """Material of its surface."""
     radar: Radar
     template: str = "ellipsoids"
-    """Name of a body's template; of no meaning for other targets."""
+    """Name of a body's template, which also names the target where it has no mesh."""
     worn: str | Material | Outfit = "skin"
     """What a body wears, or its one material."""
 

@@ -103,7 +103,7 @@ def _with_width(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, n
 def plotted(
     kind: MapKind, y: np.ndarray, x: np.ndarray, power_db: np.ndarray, ax: Any, style: Style, title: Any, note: Any
 ) -> Any:
-    """Draws a map in a new figure, or into axes `ax`, and returns these."""
+    """Draws a map and returns its new figure, or the axes `ax` if they are given."""
     figure = None if ax is not None else blank_figure(*sized(*MAPS[kind][1], style.width_in))
     axes = checked_axes(ax) if figure is None else figure.subplots()
     draw_map(axes, kind, y, x, power_db, style=style, title=title, note=note)
@@ -185,8 +185,8 @@ def panels(
     columns: int | None = None,
     title: str | None = None,
 ) -> Figure:
-    """A grid of spectrograms (speeds, times, levels) with common axes and a single colour bar [dB re 1 W]. The scale begins at the
-    greatest level of all, unless the style has limits."""
+    """A grid of spectrograms (speeds, times, levels) with common axes and a single colour bar [dB re 1 W]. The top of the scale is
+    the greatest level of all, unless the style has limits."""
     across = columns or (len(images) if len(images) < 4 else 2 if len(images) == 4 else 3 if len(images) < 10 else 4)
     down = -(-len(images) // across)
     top_db = peak_db(np.array([power_db.max() for *_, power_db in images]))

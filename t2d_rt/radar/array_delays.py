@@ -16,7 +16,7 @@ from t2d_rt.types import Radar
 
 
 def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any], Any]) -> Any:
-    """Distance of points from an antenna minus that from the array's centre [m], and its rate of change, without loss of digits.
+    """Distance of points from an antenna minus that from the array's centre [m], and its change per step, without cancellation.
 
     `line_of_sight`: vector from the centre to the points; `step`: its change from frame to frame; `offset`: vector from the centre
     to the antenna. Three components each, NumPy or Dr.Jit.
@@ -30,8 +30,7 @@ def extra_length(line_of_sight: Any, step: Any, offset: Any, sqrt: Callable[[Any
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """One end of the links of an array, that is its transmitters or its receivers, and the apparent positions of echoes for
-    them."""
+    """An array's transmitters or its receivers, and the apparent positions of echoes for them."""
 
     centre_m: np.ndarray
     offsets_m: np.ndarray

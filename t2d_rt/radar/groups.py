@@ -49,8 +49,8 @@ class GroupLevel:
     group: np.ndarray
     """Index of the group to which each echo, or each group of the level below, belongs."""
     mean: Any
-    """Sparse matrix: values of the members times it are the means of the groups. With several pairs of antennas, it is that of one
-    pair."""
+    """Sparse matrix by which values of the members (..., member) are multiplied to get the means of the groups. With several pairs
+    of antennas, it is that of one pair."""
     delay: np.ndarray
     """Mean delay of each group's members [s], (n + 3, K)."""
     delay_slope: np.ndarray
@@ -175,9 +175,9 @@ def bucket_theta(bucket: float, width: float) -> float:
 def _cycles_per_step(tolerance: float) -> float:
     """Greatest difference of the phase steps within a group [cycles per sample] for a tolerance.
 
-    At the midpoint of four samples a cubic differs from a phasor of step w by (3/128) w^4; for w uniform in -pi p..pi p the mean
-    square is (pi p)^4/3 of that. This is the last step, at the chirps; the levels below interpolate midpoints by quintics, which
-    cause less error.
+    At the midpoint of four samples a cubic differs from a phasor of step w by (3/128) w^4; for w uniform in -pi p..pi p the root
+    mean square of that is (3/128) (pi p)^4/3. This is the last step, at the chirps; the levels below interpolate midpoints by
+    quintics, which cause less error.
     """
     return (tolerance * (128 / 3) * 3) ** 0.25 / math.pi
 

@@ -21,7 +21,7 @@ TRIES = 12
 
 @lru_cache(maxsize=64)
 def band_nodes(theta: float, tolerance: float) -> np.ndarray:
-    """The least number of nodes that interpolate exp(j t x) for all |t| <= `theta` within `tolerance`; in pairs +x, -x, largest
+    """The fewest nodes that interpolate exp(j t x) for all |t| <= `theta` within `tolerance`; in pairs +x, -x, largest
     first."""
     t, x = np.linspace(0, theta, CHECKED), np.linspace(0, 1, CHECKED)
     least = 2 * max(1, math.ceil(theta / math.pi))

@@ -42,7 +42,8 @@ TABLE_BYTES = 256e6
 def repetition(
     radar: Radar, period_s: float, speed_mps: float, frame_rate_hz: float, span_s: tuple[float, float]
 ) -> Repetition | None:
-    """Chooses the table for points of that greatest speed; None where it would not save work.
+    """Chooses the table for points of that greatest speed; None where the record is too short for it to save work, where it would
+    exceed `TABLE_BYTES`, and with "ddm".
 
     Chirps do not overlap, so a single period seldom has enough of them. Several periods have, since their chirps begin at different
     angles.

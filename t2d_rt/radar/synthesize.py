@@ -53,7 +53,7 @@ RECEIVERS, MOST_SUMS = 4, 400
 transmitters are computed with them."""
 MOST_INSTANTS, FEWER_INSTANTS, MANY_ECHOES = 20_000, 2_500, 50_000
 """Greatest number of chirps of a window for which buckets are summed at once, as chirps may come far faster than surface frames;
-and the lower number for windows of at least MANY_ECHOES echoes, which take memory themselves."""
+and the lower number for windows of more than MANY_ECHOES echoes, which take memory themselves."""
 WAITING_BYTES, FIELDS_BYTES = 128e6, 64e6
 """Greatest size of the coefficients that wait to become samples, and of those of parts that are summed at once [bytes]; there may
 be hundreds of parts."""
@@ -137,7 +137,7 @@ class Synthesis:
         progress: Progress | None = None,
         parts: EchoParts | None = None,
     ) -> None:
-        """Arguments as in `synthesize`, for echoes at surface frames `times_s` (T,) s."""
+        """Arguments as in `synthesize`, for echoes at surface frames `times_s` [s] (T,)."""
         self._radar, self._memory, self._progress = radar, memory, progress
         self._sweep, self._tolerance, self._backend = Sweep.of(radar), 10 ** (tolerance_db / 20), select(device)
         self._windows = Windows(times_s, None if parts is None else parts.number)
@@ -169,7 +169,7 @@ class Synthesis:
         """Adds the echoes at frames from `first` on; blocks must follow one another."""
         for window in self._windows.add(first, filtered(echoes, self._radar)):
             self._sum(window)
-            del window  # waits for the samples of the window before its memory is given back
+            del window  # so that its memory can be given back
             self._memory.release()
 
     def _sum(self, window: Window) -> None:
@@ -183,7 +183,7 @@ class Synthesis:
             raise RuntimeError(f"rows {self._done}..{first} of a cube were left out")
         position = self._mid_times_s[first:last] / window.step_s - window.start
         sums = _sums(window, self._radar, position, self._sweep, self._tolerance, self._parts, self._backend)
-        # Samples are made in another thread: after the first sums of a window most of its kernels have been launched.
+        # Samples are made in another thread: with the first sums of a window most of its kernels are done.
         head = list(itertools.islice(sums, 1))
         self._wait()
         for sink in (self._filler, *self._of_parts):
@@ -286,8 +286,8 @@ class _Products:
 
 
 def _products(sums: Iterator[_Sum], radar: Radar, rows: slice) -> Iterator[tuple[int, slice, list[Product]]]:
-    """Results of `_sums`, each with the index of the cube's antenna and its `rows`; with "ddm", multiplied by the transmitter's
-    phase."""
+    """Results of `_sums` with the index of the cube's antenna and the chirps, counted from the first of the cube's `rows`; with
+    "ddm" they get the phase of their transmitter."""
     phase = radar.tx_phase(np.arange(rows.start, rows.stop)).astype(np.complex64)
     for tx, rx, chirps, products in sums:
         if radar.multiplexing == "ddm":

@@ -136,7 +136,7 @@ def draw_map(
     style: StyleOptions,
     paths: xr.Dataset | None = None,
 ) -> Figure | Axes:
-    """Draws a labelled map in a new figure, or into axes `ax`, and returns these; the strongest of `paths` are marked."""
+    """Draws a labelled map and returns its new figure, or the axes `ax` if they are given; the strongest of `paths` are marked."""
     kind: Any = image.name
     y, x = (image[axis].values for axis in image.dims)
     result = plotted(kind, y, x, image.values, ax, Style(**style), title, note)

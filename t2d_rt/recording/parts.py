@@ -107,7 +107,7 @@ class Parts(Mapping[str, "Recording"]):
         return members_by_group | single_parts
 
     def _check(self, groups: Any) -> None:
-        """Refuses groups that are not names, that name an unknown part, or that hold a part twice."""
+        """Refuses groups that do not map names to lists of parts, that have an unknown part, or that hold a part twice."""
         instance("groups", groups, Mapping, "a mapping of names to lists of parts")
         part_names = {cube.rpartition(": ")[2] for cube in self._cubes} | self._cubes.keys()
         held: set[str] = set()

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 PATHS_RATE_HZ = 25.0
-"""Rate of the table where no times are given [Hz]: that at which visibility is sampled."""
+"""Rate of the table where no times are given [Hz]: that at which visibility is sampled by default."""
 SCREEN_ROWS = 20
 """Greatest number of rows for each target when the table is printed."""
 STEP_S = 1e-4
@@ -111,7 +111,7 @@ def sight(model: Model, end: int) -> OneWayPath:
 
 
 def record_times(span_s: tuple[float, float], rate_hz: float) -> np.ndarray:
-    """Evenly spaced instants of a record [s], (K,), from 0 up to its end."""
+    """Instants of a record at a rate [s], (K,), from 0 to no later than its end."""
     return np.arange(int((span_s[1] - span_s[0]) * rate_hz + 1e-6) + 1) / rate_hz
 
 

@@ -83,9 +83,10 @@ def truth_table(
     middles of the body's 17 segments; `segment_visible` (segment), the fraction of the area facing the radar that neither the body
     itself, another target nor the scene hides, left out without `visible`; `contact` (foot, part), whether heel and ball of each
     foot touch the ground; `activity`, what the person does, or "" where the motion does not say; `breathing_m` and `heartbeat_m`,
-    the displacement of the front of the trunk by each. Ranges and speeds are means over transmitters and receivers. A target
-    without joints, such as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class for which the whole
-    motion was made, "" for a motion from a file; `breathing_hz` and `heartbeat_hz` are breaths and beats per second, 0 without any.
+    how far breath and heartbeat have moved the front of the trunk forward. Ranges and speeds are means over transmitters and
+    receivers. A target without joints, such as a fan or a mesh, is no person. The coordinate `made_for` (person) is the class for
+    which the whole motion was made, "" for a motion from a file; `breathing_hz` and `heartbeat_hz` are breaths and beats per
+    second, 0 without any.
     """
     import xarray as xr
 

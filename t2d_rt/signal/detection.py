@@ -41,7 +41,7 @@ class Detection(Fields):
     range_skip: tuple[Steps, Steps] = (4, 4)
     """Range bins at the near and the far end that are not searched."""
     angle_skip: tuple[Steps, Steps] = (2, 2)
-    """Azimuths at either end that are not searched."""
+    """Azimuths at either end that are not tested; they still count as training cells."""
     training_cells: tuple[Some, Some] = (8, 12)
     """Number of training cells on one side, along range and azimuth; the noise is their mean on the quieter side."""
     guard_cells: tuple[Steps, Steps] = (4, 12)

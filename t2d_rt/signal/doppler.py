@@ -92,7 +92,8 @@ class Mti:
         return cls(choice("MTI method", "none" if method is None else method, METHODS), cutoff_mps, kernel)
 
     def filter(self, cells: np.ndarray, radar: Radar) -> np.ndarray:
-        """Filters cells (chirp, ...) of a whole record. Bursts are filtered separately, but the mean is that of the record."""
+        """Filters cells (chirp, ...) of a whole record. Bursts are filtered separately, but the mean is that of the record;
+        "highpass" refuses a record of several bursts."""
         cutoff_mps = number("cutoff_mps", self.cutoff_mps, unit="m/s")
         if self.method == "highpass" and not 0 < cutoff_mps < radar.max_speed_mps:
             raise InputError(f"cutoff_mps must lie between 0 and {radar.max_speed_mps:.4g} m/s, got {cutoff_mps}")
@@ -484,7 +485,8 @@ def filtered(
 def checked_windows(
     radar: Radar, chirps: int, n_window: int | None, overlap: int | None, n_fft: int | None
 ) -> tuple[int, int, int]:
-    """Checked window, overlap and FFT length of a spectrogram of so many chirps; refuses those that need too much memory."""
+    """Checked window, overlap and FFT length of a spectrogram of so many chirps; refuses those that do not fit a burst, the record
+    or memory."""
     burst = radar.loops_per_frame or chirps
     n_window = min(256, burst) if n_window is None else integer("n_window", n_window, 2)
     if radar.loops_per_frame is not None and n_window > burst:

@@ -58,7 +58,8 @@ def check_antennas(adc: Any, radar: Radar) -> None:
 
 
 def check_axes(shape: tuple[int, ...], radar: Radar) -> None:
-    """Refuses a cube whose axes are not the chirps, antennas and samples of that radar."""
+    """Refuses a cube whose axes are not the chirps, antennas and samples of that radar; the error names an order of axes that would
+    fit, if there is one."""
     antennas, samples = radar.antennas, radar.samples
     orders = permutations(range(3)) if len(shape) == 3 else ()
     fitting = [order for order in orders if (shape[order[1]], shape[order[2]]) == (antennas, samples)]

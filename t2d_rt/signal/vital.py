@@ -41,8 +41,8 @@ SCATTER = 0.1
 """Scatter of an echo's radius about its circle, relative to the radius, that is too small to prefer a weaker cell: it changes the
 phase by 0.1 rad, 0.04 mm at 60 GHz."""
 NOISY = 0.2
-"""Variance of an echo's radius about its circle, over the square of its mean, from which a cell counts as noise. Noise alone has 4
-/ pi - 1 = 0.27, an echo as strong as the noise 0.22, one 4 dB stronger 0.14. Of 60 records of noise, 50 are recognised with 10 s at
+"""Variance of an echo's radius about its circle, over the square of its mean, from which a cell counts as noise. Noise alone has
+4/pi - 1 = 0.27, an echo as strong as the noise 0.22, one 4 dB stronger 0.14. Of 60 records of noise, 50 are recognised with 10 s at
 20 profiles a second, and all with 16 s at 40."""
 BREATH_M = 1e-3, 24e-3
 """Depths of a breath without a warning [m]: from a quarter of the shallowest to twice the deepest of the 4 to 12 mm by which chests

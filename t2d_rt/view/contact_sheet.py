@@ -61,8 +61,8 @@ def contact_sheet(
 ) -> Figure:
     """Skinned bodies over time: a row for each motion, `columns` instants from its begin to its end.
 
-    view_deg: azimuth of the camera about the vertical [deg]: 0 in front of the direction in which the person walks (or faces, if
-        there is no travel), 90 at the person's right, so that the person walks to the right of the picture.
+    view_deg: azimuth of the camera about the vertical [deg]: 0 is ahead of the person, in the direction of travel (or that they
+        face, if there is none); 90 is at the person's right, so that they walk to the right of the picture.
     The body is at the centre of each cell; the floor is a line, the left limbs are blue and the right ones red.
     """
     rows = [checked_motion(motion) for motion in instance("motions", motions, (list, tuple), "a list of motions")]

@@ -105,7 +105,8 @@ def parts_shown(recording: Recording, spectrogram: dict[str, Any]) -> dict[str, 
 
 
 def _strongest(cubes: dict[str, DiskCube], *, fixed: bool) -> tuple[list[str], list[DiskCube]]:
-    """At most `MOST_PARTS` parts, in their order: those with the greatest energy, which includes static echoes only if `fixed`."""
+    """At most `MOST_PARTS` parts, in their order: those with the greatest energy, from which the mean chirp is removed if
+    `fixed`."""
     if len(cubes) <= MOST_PARTS + 1:
         return list(cubes), list(cubes.values())
     count = len(next(iter(cubes.values())))

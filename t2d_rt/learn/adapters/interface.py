@@ -243,7 +243,7 @@ def maps_from(
 
 
 def _rows(options: AdapterOptions, path: Path) -> tuple[float, float]:
-    """The range of the files' speeds that the maps show [m/s]."""
+    """Where the maps begin and end on the files' axis of speeds, as fractions 0..1 of it; refuses speeds beyond it."""
     if options.cut_mps is None:
         return 0.0, 1.0
     first, last = (0.5 + 0.5 * speed_mps / options.speed_mps for speed_mps in options.cut_mps)

@@ -41,7 +41,7 @@ class Distances:
     autocorrelation: float
     """Root mean square, over lags and bands, of the difference of the autocorrelations of the levels in time."""
     classifier: float
-    """Accuracy of a logistic regression that distinguishes patches of both sets, on records that it was not fitted to; 0.5 is
+    """Accuracy of a logistic regression that tells patches of the two sets apart, on records that it was not fitted to; 0.5 is
     chance."""
 
 

@@ -189,7 +189,8 @@ class BackgroundModel:
     ) -> Background:
         """A background of any length; a longer one with the same seed begins with the same columns, bit for bit.
 
-        grid: the requested axes; those of the training by default. Mean and looks are interpolated within limits.
+        grid: the requested axes; those of the training by default. For others mean and looks are interpolated; an InputError is
+            raised where bins or columns differ by more than a factor of `WIDEST`, or speeds exceed the training's.
 
         codes: drawn from the learned "prior", or all equally likely ("uniform"), as in Text2Doppler.
         """

@@ -24,7 +24,7 @@ HALO = 3
 
 
 Size = Annotated[Count, Field(ge=1, le=4096)]
-"""Size of a part of the network; larger ones can only come from a damaged file."""
+"""Size of a part of the network; the limit keeps a damaged file from asking for any amount of memory."""
 
 
 class Architecture(Fields):

@@ -47,8 +47,8 @@ def receive(cube: Cube, radar: Radar, receiver: Receiver, seed: int) -> tuple[Cu
     """Passes a cube (chirp, antenna, sample) [sqrt(W)] through a receiver; returns the cube, and its levels for the recording's
     settings.
 
-    A cube in memory is changed in place; for one on disk a new one is written. The bits of a row do not depend on the blocks. seed:
-    seed of the random draws, where the receiver has none of its own.
+    A cube in memory is changed in place; for one on disk a new one is written. The bits of a row do not depend on the blocks.
+    seed: seed of the random draws, where the receiver has none of its own.
     """
     effects = Effects(radar, receiver, Draws(seed if receiver.seed is None else receiver.seed))
     levels = ReceiverLevels(receiver, radar, effects.offsets)

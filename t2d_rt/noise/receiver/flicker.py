@@ -17,8 +17,8 @@ from t2d_rt.noise.receiver.processes import Slow, TimeSlots
 from t2d_rt.types import Radar
 
 FEWEST_POLES, MOST_SAMPLES = 3, 100_000
-"""Least number of poles of the filter, and greatest number of samples in a chirp: with more, the error of the filter would reach 2
-dB."""
+"""Least number of poles of the filter, and greatest number of samples in a chirp: with more samples the fit of the filter fails by
+2 dB."""
 FREQUENCIES = 160
 """Number of frequencies at which the filter is fitted."""
 OVERLAP = 2
@@ -114,7 +114,7 @@ class Flicker:
         self.filter = filter_of(radar.samples)
         rate = radar.sample_rate_hz
         self.power_w = density_w * corner_hz
-        """Factor on the power of the filter's noise [W]: a density 1 / f over f [Hz] is a density over f / rate, times the rate."""
+        """Factor on the power of the filter's noise [W]: its density 1 / |f'| over f' = f / rate is 1 / |f| over f [Hz]."""
 
         self._slots = TimeSlots(radar)
         limit_hz = OVERLAP * rate / (4 * radar.samples)

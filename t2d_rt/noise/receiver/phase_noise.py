@@ -243,8 +243,8 @@ def bin_delays_s(radar: Radar) -> np.ndarray:
 
 
 def nodes_for(delays_s: np.ndarray, frequencies_hz: np.ndarray, powers: np.ndarray) -> Nodes:
-    """The least number of nodes that keep the error below `INTERPOLATION`, for noise with these powers at these frequencies, which
-    begin at 0."""
+    """The fewest nodes, of the numbers tried, that keep the interpolation's error below `INTERPOLATION` for noise with these powers
+    at these frequencies, which begin at 0."""
     chosen = _lower_ones(len(powers) - 2) + 1  # neither frequency 0 nor half the sample rate
     frequencies, power = frequencies_hz[chosen][:, None], powers[chosen] * np.gradient(chosen.astype(float))
     straight = np.unique(np.linspace(1, math.floor(len(delays_s) * (1 - RETURN)) - 1, TRIED).astype(int))

@@ -61,7 +61,8 @@ class TimeSlots:
 
 
 Density = Callable[[np.ndarray], np.ndarray]
-"""Two-sided power density [1/Hz] as a function of frequency [Hz]. It must be hashable, as it is the key of a cache."""
+"""Two-sided power density [1/Hz] as a function of frequency [Hz]. It must be hashable, as it is the key of a cache: equal ones are
+taken to be the same."""
 SEGMENT = 4096
 """Number of chirps in a segment; slower noise than one cycle per segment is left out."""
 FOLDED = 4

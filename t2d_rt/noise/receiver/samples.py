@@ -70,9 +70,10 @@ def through(
     """Applies the effects to samples (row, antenna, sample), complex64, of rows from `first_row` on; the bits of a row do not
     depend on the others.
 
-    clean, changed: samples as they were, and after earlier effects; the same array where there are none. constants: added to every
-    sample of a row and antenna in addition to `offsets`, complex64 (row, antenna). offsets: complex64 (antenna,), which the levels
-    leave out. reference: samples close to `clean`, (antenna, sample), about which powers are summed.
+    clean, changed: samples as they were, and after earlier effects; the same array where there are none.
+    constants: added to every sample of a row and antenna in addition to `offsets`, complex64 (row, antenna).
+    offsets: complex64 (antenna,), which the levels leave out.
+    reference: samples close to `clean`, (antenna, sample), about which powers are summed.
     """
     import drjit as dr
 

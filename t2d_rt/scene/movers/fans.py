@@ -37,8 +37,8 @@ FACET_M = 0.008
 HUB, CHORD = 0.22, 0.55
 """Radius of the hub, and width of a table fan's blade, as fractions of the radius of the tips."""
 PITCH_AT, TIP = 0.75, 0.94
-"""Radius at which the pitch is given, and radius up to which the blade is drawn towards its pointed tip, as fractions of the tips'
-radius."""
+"""Radius at which the pitch is given, as a fraction of the tips' radius; and fraction of an outline and a section that are pointed
+at both ends which the blade takes, so that it ends before the points."""
 
 
 class TableFan(Fields):
