@@ -18,7 +18,7 @@ from t2d_rt.noise.masks import OcclusionMask, covered
 from t2d_rt.types.fields import Count, Fields, Number
 
 BANK = 16
-"""Number of backgrounds that are sampled once and then used in turn, each with a random shift in time."""
+"""Number of backgrounds that are sampled once; each sample gets one of them at random, with a random shift in time."""
 VARIANTS = 6
 """Number of variants of each sample in augmentation for sliding windows."""
 

@@ -113,7 +113,8 @@ class Card(Fields):
         """Sentences on what the network was not trained for: another carrier, Doppler resolution or noise. What the card does not
         specify is not checked.
 
-        what: noun for the sentences, as "the recording"; levels: its maps, (N, speed, time) [dB below the greatest cell of each].
+        what: noun for the sentences, as "the recording".
+        levels: its maps, (N, speed, time) [dB below the greatest cell of each].
         """
         warnings = []
         carriers = [float(value) for value in self.about.get("carriers_hz", [])]

@@ -356,8 +356,8 @@ def _pieces(
 
 
 def _extents(values: np.ndarray, instant: np.ndarray, count: int) -> np.ndarray:
-    """The least and the greatest of values (N, ...), each at its `instant` (N,), ascending, at each of so many, (2, K, ...); inf
-    and -inf where there are none."""
+    """Least and greatest of values (N, ...) at each of `count` instants, (2, count, ...), inf and -inf where there are none;
+    `instant` (N,), ascending, is the index of the instant of each value."""
     extents = np.full((2, count, *values.shape[1:]), np.inf)
     extents[1] = -np.inf
     if len(values):

@@ -39,7 +39,8 @@ class PosedOccluders:
 
     @cached_property
     def _heights(self) -> np.ndarray:
-        """The faces' normals times what lies on these, (F, K): above it a place is faced."""
+        """Product of each face's normal with a corner of the face, (F, K): the face looks towards a place whose product with the
+        normal is greater."""
         return np.asarray(dot(*self._corner_and_area))
 
     @cached_property

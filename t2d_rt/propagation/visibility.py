@@ -77,7 +77,7 @@ class _Chunk(NamedTuple):
     scene: OccluderScene | None
     alone: MeshesAlone
     seen: dict[Hashable, tuple[np.ndarray, np.ndarray]]
-    """Which points face a viewpoint, and how far meshes leave them visible from there, by the courses of its path."""
+    """Which points face a viewpoint and how far meshes leave them visible from there, by the courses of the viewpoint's path."""
 
 
 class Viewpoints:
@@ -213,7 +213,7 @@ class Occlusion:
         if not self.solid or chunk.scene is None:
             return VisibilitySamples(None, None, unblocked)
         seen_paths = self.viewpoint.seen_at(chunk.at.times_s)
-        # Paths over a wall and over the window in it are hidden alike.
+        # A path over a wall and one over the window in it have the same course, and so the same occlusion.
         courses = tuple(path.course for path in seen_paths)
         if courses not in chunk.seen:
             chunk.seen[courses] = self._seen(chunk.at, chunk.scene, chunk.alone, seen_paths)
@@ -275,7 +275,8 @@ class Occlusion:
 class ExactVisibility:
     """Visibility of facets' own vertices at just the instants asked for, traced through `occluders`: not sampled, no cage.
 
-    Instants less than `SAME_S` apart are traced once, and as many together as have `FACES_AT_ONCE`, which take about 1 GB.
+    Instants less than `SAME_S` [s] apart are traced once, and as many instants together as have `FACES_AT_ONCE` faces, which take
+    about 1 GB.
     """
 
     SAME_S, FACES_AT_ONCE = 1e-3, 4_000_000

@@ -1,5 +1,4 @@
-"""Interpolation of echoes between frames, as matrices; all code that needs echoes between frames uses these (docs/physics.md, eq.
-14).
+"""Interpolation of echoes between frames, as matrices, the same for all code that needs it (docs/physics.md, eq. 14).
 
 Within the interval from frame i to i+1, with u in 0..1, both delay and amplitude are cubic Hermite polynomials of the values and
 slopes at the two frames. The slopes differ: those of the delay are from a C2 spline, those of the amplitude are central

@@ -1,5 +1,4 @@
-"""Interpolation over the sweep of functions of limited bandwidth: exp(j t x) with |t| <= theta, x in -1..1 (docs/physics.md, eq.
-16).
+"""Interpolation over the sweep (docs/physics.md, eq. 16) of functions of limited bandwidth: exp(j t x), |t| <= theta, x in -1..1.
 
 A polynomial through Chebyshev nodes would need pi/2 times as many nodes. Here the nodes are the zeros of a prolate spheroidal wave
 function, and the interpolating functions are those of lower order (Xiao, Rokhlin and Yarvin, Inverse Problems 17 (2001), 805-838).

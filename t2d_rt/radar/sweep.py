@@ -61,10 +61,10 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Instants:
-    """Start times of the chirps within a window of frames, and their sweep."""
+    """Mid-sweep times of the chirps within a window of frames, and their sweep."""
 
     position: np.ndarray
-    """Times of the chirps [frames after the window's start], ascending, (instant,)."""
+    """Times at mid-sweep [frames after the window's start], ascending, (instant,)."""
     step_s: float
     """Frame interval [s]."""
     sweep: Sweep

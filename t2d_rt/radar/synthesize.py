@@ -305,8 +305,8 @@ def _sums(
     parts: int,
     backend: Backend,
 ) -> Iterator[_Sum]:
-    """What each pair of transmitter and receiver records of the chirps at `position` [frames after window.start], for each of the
-    `parts`; one block of chirps after the other."""
+    """What each pair of transmitter and receiver records of the chirps with mid-sweep at `position` [frames after window.start],
+    for each of the `parts`; one block of chirps after the other."""
     rate = len(position) / (window.stop - window.start)
     both = ends(window, radar)
     outermost = (end.only(outer).extra_delays() for end, outer in zip(both, np.transpose(radar.outermost), strict=True))

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 FORMAT = 4
 """Format of the folders that `save` writes; `load` refuses any other."""
 MADE_BY = "t2d-rt"
-"""Mark of a folder that this package wrote; only folders with it are ever replaced."""
+"""Mark of a folder that this package wrote; only folders with it, or of the formats before it, are ever replaced."""
 UNMARKED_FORMATS = ("1", "2")
 """Formats from before that mark; such folders are recognised by their attributes."""
 ARRAYS = (NAME, "spectrogram", "chirp_time_s", "sample_time_s", "velocity_mps", "time_s")

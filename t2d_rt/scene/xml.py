@@ -15,11 +15,12 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.types import Scene, Surface
 
 MARK = " made by t2d-rt "
-"""Comment at the beginning of a scene file; only folders with such a file are replaced."""
+"""Comment at the beginning of a scene file that `save_scene` wrote."""
 BEGINNING = re.compile(
     rf'<scene version="2\.1\.0">\s*(<!--{MARK}-->\s*)?<bsdf type="itu-radio-material" id="[^"]+-\d+um">'
 )
-"""Pattern for the beginning of a scene file that `save_scene` wrote; older ones have no mark."""
+"""Pattern for the beginning of a scene file that `save_scene` wrote, the only one whose folder is replaced; older ones have no
+mark."""
 
 
 def save_scene(scene: Scene, folder: str | Path) -> Path:

@@ -39,7 +39,7 @@ LIKE, LESS_LIKE, LARGEST_LAG = 0.5, 0.8, 4
 """Coherence from which chirps some rows apart count as alike; factor on it below which neighbouring rows count as not alike; and
 greatest distance in rows that is tested."""
 CLIPPED, CLIPPED_LEAST = 1e-3, 10
-"""Fraction and number of samples at the ends of the converters' scale from which a warning is given."""
+"""A warning is given where more samples than this fraction, and more than this number, are at the ends of the converters' scale."""
 
 
 def spread_rows(count: int) -> list[range]:

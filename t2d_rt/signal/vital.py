@@ -30,7 +30,7 @@ BREATHS_HZ, BEATS_HZ = (0.08, 0.7), (0.75, 3.0)
 BREATH_HARMONICS, BEAT_HARMONICS = 6, 3
 """Number of harmonics of each rate in a least-squares fit of the displacement."""
 SHORTEST_S = 10.0
-"""Least duration of a record [s]: two breaths of the slowest rate."""
+"""Least duration of a record [s]. Rates are searched from two cycles in the record on, here 0.2 Hz."""
 HEARTS_DB = 17.0
 """Power of the heart's line over the median of the band [dB] below which a warning is given: of 300 records of noise alone (16 s at
 40 Hz to 60 s at 20 Hz) the greatest read 16.1 dB, of as many of a breath in noise 8.6 dB."""

@@ -74,7 +74,8 @@ def animate(
 
     path: file name that ends in .gif, or in .mp4, for which the program ffmpeg is needed.
     width_px: width of the picture [pixel]; its height is 0.44 of that.
-    frames_hz: pictures per second, 1..50; for a GIF the interval is rounded to hundredths of a second. At most 1500 in all.
+    frames_hz: pictures per second, 1..50; for a GIF the interval is rounded to hundredths of a second. There are at most 1500
+    pictures.
     title: a text above the spectrogram.
     """
     instance("recording", recording, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")

@@ -392,7 +392,7 @@ def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
 
 
 def attach(step: ParseStep, token: Token, ignored: list[str]) -> None:
-    """Says of a step what an token says; raises where it says the contrary of what was said before."""
+    """Says of a step what a token says; raises where it says the contrary of what was said before."""
     if token.kind in ("cause", "gait"):
         step.cause = token.said
     treads = token.words.endswith(TREADS)

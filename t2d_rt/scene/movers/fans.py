@@ -37,8 +37,8 @@ FACET_M = 0.008
 HUB, CHORD = 0.22, 0.55
 """Radius of the hub, and width of a table fan's blade, as fractions of the radius of the tips."""
 PITCH_AT, TIP = 0.75, 0.94
-"""Radius at which the pitch is given, as a fraction of the tips' radius; and fraction of an outline and a section that are pointed
-at both ends which the blade takes, so that it ends before the points."""
+"""Radius at which the pitch is given, as a fraction of the tips' radius; and how far, of -1..1, the blade follows its outline and
+its section, which are pointed at -1 and 1."""
 
 
 class TableFan(Fields):

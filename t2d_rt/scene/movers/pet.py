@@ -68,8 +68,8 @@ and Blickhan, J. Exp. Zool. 305A, 2006), so that the leg bends like two parts of
 PAW = (0.09, 0.055, 0.05)
 """Semi-axes of a paw, in units of the hip's height."""
 LIFT, BOB = 0.12, 0.02
-"""Height to which a swinging paw is lifted; and height by which hips and shoulders rise over a standing leg, out of phase with each
-other (Griffin, Main and Farley, J. Exp. Biol. 207, 2004)."""
+"""Height to which a swinging paw is lifted, and amplitude with which hips and shoulders rise over a standing leg, out of phase with
+each other (Griffin, Main and Farley, J. Exp. Biol. 207, 2004); in units of the hip's height."""
 NOD_DEG, WAG_DEG = 6.0, 15.0
 """Amplitudes of the swing of the neck, twice in a stride, and of the tail, once [deg]."""
 
