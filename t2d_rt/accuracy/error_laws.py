@@ -30,11 +30,11 @@ root of that area."""
 
 FITTED_SIZE, SIZE_POWER, MOST_SIZE_SCALE = 450.0, 0.75, 2.0
 """Size in wavelengths of the bodies that the law of facets was fitted to, at 77 GHz. Smaller bodies have the error of facets whose
-phase sagitta is greater by a factor, the ratio of the sizes to this power, at most the last figure
+phase sagitta is greater by a factor, the ratio of the sizes to the power `SIZE_POWER`, at most `MOST_SIZE_SCALE`
 (`validation.methods.small_bodies`)."""
 CAGE_SIZE, CAGE_RAD, CAGE_POWER = 350.0, 4.3, 0.75
-"""Below the first size, in wavelengths, a body's unrefined mesh has the error of facets of the phase sagitta `CAGE_RAD`, times the
-ratio of the sizes to the power `CAGE_POWER`; no facets of a body are coarser than its unrefined mesh."""
+"""Below `CAGE_SIZE`, in wavelengths, a body's unrefined mesh has the error of facets of the phase sagitta `CAGE_RAD` [rad], times
+the ratio of its size to `CAGE_SIZE` to the power `CAGE_POWER`; no facets of a body are coarser than its unrefined mesh."""
 SMALL_SCATTER_DB, SMALL_DIFFERENCE_DB, SMALL_RATIO_DB = 3.0, 3.5, 4.0
 """Standard deviations [dB] about the law for bodies below `CAGE_SIZE`: of the error, of the difference from coarser facets, and of
 the ratio of both."""

@@ -67,7 +67,7 @@ class Chirps:
 
 
 class Field:
-    """Samples of the targets' echoes at some chirps, modelled at an accuracy of one's choice.
+    """Samples of the targets' echoes at some chirps, modelled at a given accuracy.
 
     With `samples_s`, visibility is that of a run: sampled at these times [s] from the meshes' vertices. Without, it is traced at
     every chirp, from every facet's vertices over the strongest path pair.

@@ -102,7 +102,7 @@ def measured_error(plan: Plan, cube: Cube, static: Sequence[Scatterer]) -> Measu
     facets, shadows, energy, with_all_echoes = np.zeros(0), np.zeros(0), 0.0, 0.0
     compared = np.zeros((0, len(chirps.samples)))
     count = len(chirps.rows)
-    enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # an error may lie far below it
+    enough = CHIRPS if plan.tolerance_db is not None else CHIRPS[1:]  # an error may lie far below a tolerance
     for first, last in pairwise(sorted({0, count, *(chirp_count for chirp_count in enough if chirp_count < count)})):
         samples, with_static = (of_cube(model, cube, omitted, chirps[first:last]) for omitted in (static, ()))
         energy += float(np.sum(np.abs(samples) ** 2))

@@ -67,8 +67,8 @@ class _Faces:
         relevant: dict[PathKey, np.ndarray],
         backend: Backend,
     ) -> dict[PathKey, np.ndarray]:
-        """Whether each face is visible from each viewpoint past the meshes, bool (K, F); traced for the `relevant` faces (F,),
-        False for others."""
+        """Whether each face is visible from each viewpoint past the meshes, bool (K, F): traced for the `relevant` faces (F,),
+        False for others; all are visible where there are no meshes."""
         if not meshes:
             return dict.fromkeys(seen_from, np.ones(self.area_m2.shape, bool))
         vertices = np.concatenate([mesh.at(times_s) for mesh in meshes], axis=1)

@@ -73,7 +73,7 @@ def checked_accuracy(accuracy: Accuracy | Mapping[str, Any] | None) -> Accuracy:
 
 def chosen(model: Model, wanted: Wanted) -> Plan:
     """The plan that keeps to the tolerance, or that of the given accuracy where there is no tolerance. It is made for all path
-    pairs, including those that `only_paths` and `without_paths` silence."""
+    pairs, including those that `only_paths` and `without_paths` leave out."""
     if wanted.tolerance_db is None:
         return Plan(ErrorBudget(as_given(model, wanted.given), wanted.given), None, wanted.given)
     return planned(model, wanted.tolerance_db, wanted.given)

@@ -28,8 +28,8 @@ MOST_SMOOTH_SCALE, MOST_FLAT_SCALE = 2.0, 1.0
 that face the radar, or plates that move within their plane, coarser facets have a greater error than the law for curved surfaces
 predicts."""
 FLAT_PER_M, FLAT_FRACTION = 4.0, 0.1
-"""A vertex counts as flat where the surface curves less than the first [1/m]; a mesh with more than the second fraction of such
-vertices counts as flat in good part."""
+"""A vertex counts as flat where the surface curves less than `FLAT_PER_M` [1/m]; more than the fraction `FLAT_FRACTION` of such
+vertices are a good part of a mesh."""
 VISIBILITY = (12.5, 0), (25.0, 0), (25.0, 1), (50.0, 1), (50.0, 2), (100.0, 2)
 """Settings of visibility (rate [Hz], subdivision), cheapest first."""
 PLANNED = VISIBILITY[1:]

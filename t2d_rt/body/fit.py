@@ -62,8 +62,8 @@ def shoulder_centre(motion: Motion) -> np.ndarray:
 
 
 def stance(motion: Motion, side: str) -> Stance | None:
-    """The frames in which a foot stands: the slowest 15 % of those with the sole about level near the ground, the shank upright
-    and the hip above it. None where there are too few."""
+    """The frames in which a foot stands: the slowest 15 %, and all in which it hardly moves, of those with the sole about level
+    near the ground, the shank upright and the hip above it. None where there are fewer than three of those."""
     hip, knee, ankle, foot = (
         motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("hip", "knee", "ankle", "foot")
     )

@@ -19,7 +19,7 @@ BARE_JOINTS = "neck", "head", "left_wrist", "right_wrist"
 SHOD_JOINTS = "left_ankle", "left_foot", "right_ankle", "right_foot"
 """Joints that move the bare parts of a dressed body, and those that move what is in shoes."""
 UPPER_M, TOE_M = 0.004, 0.012
-"""Thickness of a shoe's upper, and space in front of the toes, for which shoemakers allow 10 to 15 mm [m]; choices."""
+"""Thickness of a shoe's upper, and space in front of the toes, for which shoemakers allow 10 to 15 mm [m]; both are choices."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

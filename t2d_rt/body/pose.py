@@ -128,10 +128,10 @@ def _trunk_offsets(
     rest = body.joints
     hips = (at["left_hip"] + at["right_hip"]) / 2
     torso = unit(at["spine3"] + source["spine3"] @ centre - hips)
-    # the pose of an unbent back is found from upright instants
+    # The pose of an unbent back is found from upright instants.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
-    lies = torso[:, 2].max() < 0.7  # or, if the person crawls throughout, from all instants, which is less certain
-    if lies:  # and if there are none, from those at which it is longest
+    lies = torso[:, 2].max() < 0.7  # or crawls throughout: then that pose is less certain
+    if lies:  # without upright instants, those at which the torso is longest
         length = np.linalg.norm(at["spine3"] + source["spine3"] @ centre - hips, axis=1)
         # instants 2 % shorter than the longest have a third of the weight
         upright = (length / length.max()) ** 60

@@ -23,8 +23,8 @@ def matrices(quaternions: np.ndarray) -> np.ndarray:
 
 
 def frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Orthonormal frames (..., 3, 3), whose first column is along `first` and whose second lies in the plane of `first` and
-    `second`, both (..., 3)."""
+    """Orthonormal frames (..., 3, 3), whose first column is along `first` and whose second is along the part of `second` that is
+    perpendicular to it; both (..., 3)."""
     a = unit(first)
     b = unit(second - (second * a).sum(-1, keepdims=True) * a)
     return np.stack([a, b, vector_product(a, b)], -1)

@@ -24,9 +24,9 @@ JointTrack = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Function that gives positions (K, J, 3) [m] and orientations x, y, z, w (K, J, 4) of a motion's joints at times [s] (K,)."""
 
 SAGITTA_RAD, SAGITTA_RADIUS_M, SAGITTA_POWER = 1.5, 0.1, 1 / 3
-"""Phase sagitta [rad] of a body's facets where its radius of curvature is the second figure [m], and the power of the curvature
-with which it varies: of 1/4, 1/3, 1/2 and 0.6 this one gives the least error for a given number of facets. 25 000 facets give a
-field NMSE of -30 dB over fourteen motions, before occlusion."""
+"""Phase sagitta [rad] of a body's facets where its radius of curvature is `SAGITTA_RADIUS_M`, and the power of the curvature with
+which it varies: of 1/4, 1/3, 1/2 and 0.6 this one gives the least error for a given number of facets. 25 000 facets give a field
+NMSE of -30 dB over fourteen motions, before occlusion."""
 
 SIZE_STEP = 1.1
 """Bodies share their facets if their scales relative to the template round to the same power of this."""

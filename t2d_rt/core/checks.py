@@ -222,7 +222,7 @@ def check_shape(name: str, value: Any, shape: tuple[int | str, ...], *, hint: st
 
 
 def interval(name: str, value: Any, *, unit: str = "") -> tuple[float, float]:
-    """A checked pair of finite numbers, the lower one first."""
+    """A checked pair of numbers, the lower one first; they may be infinite."""
     pair = numeric(name, value) if isinstance(value, (list, tuple, np.ndarray)) else None
     if pair is None or pair.shape != (2,) or np.iscomplexobj(pair) or np.isnan(pair).any() or pair[0] > pair[1]:
         expected = f"two numbers, least and greatest{f', in {unit}' if unit else ''}"

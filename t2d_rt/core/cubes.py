@@ -16,7 +16,7 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.factored_cubes import ProductRows
 
 LARGE_BYTES = 512 * 2**20
-"""Size beyond which a cube is not held in memory [bytes]; so are cubes beyond `LARGE_FRACTION` of a run's memory limit."""
+"""Size beyond which a cube is not held in memory [bytes]; nor are cubes beyond `LARGE_FRACTION` of a run's memory limit."""
 LARGE_FRACTION = 1 / 8
 
 

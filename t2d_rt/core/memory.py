@@ -30,8 +30,8 @@ RELEASE_EVERY = 10
 LEFT_BYTES = 256 * 2**20
 """Greatest amount of memory that is kept for the next arrays [bytes]."""
 LARGER, MUCH_LARGER = 1.2, 2.0
-"""Memory that is kept is reused for an array that needs less by at most these factors: the first for arrays that a user may keep,
-the second for others."""
+"""Kept memory is reused for an array that needs less, by a factor of at most `LARGER` where a user may keep the array, and of at
+most `MUCH_LARGER` where none does."""
 REUSED_BYTES = 4 * 2**20
 """Least size of arrays that reuse memory of earlier ones [bytes]."""
 SAMPLE_BYTES = 16

@@ -38,7 +38,7 @@ def end_with(parent: int) -> None:
 def run_guarded(
     command: Sequence[str], *, folder: Path, env: Mapping[str, str], limit_s: float, temporary: Sequence[Path] = ()
 ) -> subprocess.CompletedProcess[bytes]:
-    """Runs a foreign program as `subprocess.run` does; raises an error at the time limit.
+    """Runs a foreign program as `subprocess.run` does; raises its `TimeoutExpired` after `limit_s`.
 
     A guard process watches: if this process ends first, it stops the program with everything that the program has started, and
     removes the `temporary` folders.

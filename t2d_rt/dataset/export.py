@@ -52,7 +52,7 @@ def export_dataset(
     dynamic_range_db: float = 60.0,
     overwrite: bool = False,
 ) -> Path:
-    """Writes finished samples to a folder; on an error there is no folder, never half of one.
+    """Writes finished samples to a folder, whole or not at all.
 
     to: "parquet" for Hugging Face's `datasets` and for pandas, with a data card; "png" for pictures of spectrograms by class, with
         labels.csv; "npz" for one file of arrays for each side of the split.

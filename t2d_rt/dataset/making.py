@@ -200,7 +200,7 @@ class Outcome:
     """Result of a run."""
 
     samples: int
-    """Number of finished samples among those asked for."""
+    """Number of samples that were asked for; all of them are there, some perhaps as failures."""
     made: int
     """Number of samples that this run has made."""
     failures: tuple[tuple[int, str], ...]
@@ -379,7 +379,7 @@ class _Run:
         return finished
 
     def _check_records(self, number: int, records: Sequence[dict[str, Any]]) -> None:
-        """Refuses a shard of another number or recipe that the manifest does not list yet."""
+        """Refuses a shard with other samples than this recipe has there; the manifest may not list its checksum yet."""
         first = number * self._recipe.samples_per_shard
         for index, record in enumerate(records, start=first):
             if record.get("index") != index or index >= self._recipe.samples:

@@ -113,7 +113,8 @@ class Side(Fields):
 
     name: Literal["train", "val", "test"]
     weight: Annotated[Count, Field(ge=1, le=1000)]
-    """Weight of the side: of every "sum of all weights" descriptions of a class, and subjects of a kind, this many belong to it."""
+    """Weight of the side: how many descriptions of a class, and subjects of a kind, belong to it, of as many as all weights add up
+    to."""
     conditions: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
     """Names of the conditions under which its samples are recorded."""
     angles_deg: Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=100)]
@@ -237,7 +238,7 @@ class Recipe(Fields):
                 RangeGate.of(radar, gate)  # raises an error for a gate without a range cell
         for body in self.bodies:
             if body != OWN_BODY and "@" in body:
-                template(body)  # raises an error for an unknown model
+                template(body)  # raises an error for an unknown body, and for a body mass index that it cannot have
             elif body != OWN_BODY and body not in bodies():
                 raise unknown_name("body", body, (OWN_BODY, *bodies()))
         return self

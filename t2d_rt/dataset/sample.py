@@ -92,7 +92,7 @@ def sample_motion(
             candidate = _fitted(source, recipe, number, activity, attempt + 1)
             for condition in conditions:
                 carry(candidate.motion, condition.carries)
-        except T2DError as error:  # some falls of the physics simulation do not end
+        except T2DError as error:  # some attempts at a fall do not come to one
             failure = failure or error
             continue
         if candidate.passed:
@@ -240,7 +240,7 @@ class Place:
     range_m: float
     """Mean range of the pelvis [m]."""
     approaching: float
-    """Fraction of approaching in the time during which the range changes by more than `STATIC_MPS`; 0.5 where it never does."""
+    """Of the time in which the range changes by more than `STATIC_MPS`, the fraction in which it falls; 0.5 if it never does."""
     nearer_m: float
     """How much nearer the pelvis is at the end than at the beginning [m]; negative if it is farther away."""
     angle_deg: float
@@ -333,8 +333,8 @@ def _angle_deg(rng: np.random.Generator, spans: Sequence[tuple[float, float]]) -
 
 
 def _start_m(pelvis: np.ndarray, range_m: float) -> float:
-    """Distance of the start at which the mean range of a track (T, 3) of the pelvis is `range_m`, where the track is given relative
-    to a radar at its start; the nearest possible distance, at least 0.3 m."""
+    """Distance of the start [m], at least 0.3, at which the mean range of the pelvis is `range_m`, or comes nearest to it; its
+    track (T, 3) is relative to the radar, for a start at distance 0."""
     start_m = range_m
     for _ in range(20):  # the mean range grows by nearly as much as the distance
         start_m = max(0.3, start_m + range_m - float(np.linalg.norm(pelvis + [start_m, 0.0, 0.0], axis=-1).mean()))
@@ -360,8 +360,8 @@ NEAREST_GATE_M = 0.3
 def range_gate(recipe: Recipe, drawn: Sample) -> tuple[float, float] | None:
     """Nearest and farthest range of the spectrogram's cells [m]; None for all.
 
-    The gate depends on the scene only: up to the farthest corner of the room, or in free space all ranges that persons of the
-    recipe reach. A gate for each person would let the noise level reveal how far the person goes.
+    Unless the recipe gives it, the gate depends on the scene only: up to the farthest corner of the room, or in free space all
+    ranges that persons of the recipe reach. A gate for each person would let the noise level reveal how far the person goes.
     """
     spectrogram = recipe.products.spectrogram
     gate_m = None if spectrogram is None else spectrogram.range_gate_m

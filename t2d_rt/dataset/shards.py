@@ -95,7 +95,7 @@ def write_shard(folder: Path, number: int, made: Sequence[MadeSample]) -> dict[s
     count.
 
     The records of a smaller shard that is replaced are removed first: so a process that is killed between the two files leaves no
-    shard, and not a mixture.
+    shard instead of a mixture.
     """
     data, records = packed(made)
     name = shard_name(number)

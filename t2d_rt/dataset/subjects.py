@@ -38,7 +38,7 @@ class Subject:
 
 @functools.lru_cache(maxsize=4096)
 def subject(recipe: Recipe, number: int) -> Subject:
-    """The subject of that number; it depends on the seed of the recipe only."""
+    """The subject of that number: the same person in all samples of the recipe."""
     rng = np.random.default_rng(recipe.seeds(number, "subject"))
     kind, stature_m = drawn_person("person", rng, body=KINDS[number % len(KINDS)])
     shipped = template(kind)

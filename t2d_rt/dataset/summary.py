@@ -57,7 +57,7 @@ class ClassSummary:
     range_m: np.ndarray
     """Mean ranges of the person [m]; empty for records of older versions, which also lack the next two."""
     approaching: np.ndarray
-    """Fractions of approaching in the time during which the person approaches or recedes."""
+    """Of the time in which the person approaches or recedes, the fraction of approaching, for each sample."""
     moving: np.ndarray
     """Fractions of the record during which the person moves."""
     lower_mps: np.ndarray
@@ -252,8 +252,8 @@ MARGINS_IN = 0.95, 1.0, 0.5, 0.1
 SHOWN = 98.0
 """Percentile of the samples' speeds that the axes include, so that a single fast sample does not compress the others."""
 BRIGHT = 75.0
-"""Percentile of the samples' peak levels at which the colours end; stronger samples are nearer, as power goes with the fourth power
-of range."""
+"""Percentile of the samples' peak levels at which the colours end; stronger samples are nearer, as power falls with the fourth
+power of range."""
 
 
 def dataset_sheet(dataset: Dataset, *, columns: int = 8, dynamic_range_db: float = 50.0) -> Figure:

@@ -274,8 +274,8 @@ def groups(recipe: Recipe, count: int, *, only: str | None = None) -> dict[str, 
 def make_plans(
     recipe: Recipe, path: Path, count: int, threads: int, take_up: Callable[..., Iterable[tuple[str, str]]]
 ) -> dict[str, str]:
-    """Accuracies of the groups as JSON: those that a file already holds, and the others, which `take_up` makes in the place where
-    samples are made and which are added to the file."""
+    """Accuracies of the groups as JSON: those that the file at `path` already holds, and the others, which the scheduler `take_up`
+    makes, as it makes samples, and which are added to the file."""
     accuracies, text = read_plans(path), recipe.model_dump_json()
     tasks = [
         (text, name, indices, threads) for name, indices in groups(recipe, count).items() if name not in accuracies
@@ -321,7 +321,7 @@ def plan_of(recipe: Recipe, indices: list[int]) -> Accuracy:
             condition = drawn.cell.condition
             assert condition.tolerance_db is not None, "groups have a tolerance"
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", T2DWarning)  # warnings about these are in the sample's record
+                warnings.simplefilter("ignore", T2DWarning)  # the sample's record will have them
                 return plan(
                     drawn.experiment, tolerance_db=condition.tolerance_db, accuracy=condition.accuracy, device="cpu"
                 ).accuracy

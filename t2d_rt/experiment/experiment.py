@@ -135,7 +135,7 @@ class Experiment(Plain):
     @field_validator("noise", mode="before")
     @classmethod
     def _named_noise(cls, value: Any, info: ValidationInfo) -> Any:
-        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # its error comes first
+        return noise_named(value, info.data["radar"]) if "radar" in info.data else "none"  # the radar's error is raised
 
     @classmethod
     def without_targets(cls, radar: Radar | str | Path | None = None, **fields: Any) -> Experiment:

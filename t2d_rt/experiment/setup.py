@@ -312,7 +312,8 @@ def _check_bistatic(geometry: Geometry, radar: Radar, span_s: tuple[float, float
     if apart_m < MOSTLY_MONOSTATIC_M:
         return
     times_s = np.linspace(*span_s, 50)
-    if apart_m > ONE_VIEW_M:  # only antennas of separate boards, since a target may pass between instants
+    # Between antennas of separate boards a target may pass from one of these instants to the next.
+    if apart_m > ONE_VIEW_M:
         own_s = geometry.times_s
         times_s = np.union1d(np.linspace(*span_s, 200), own_s[(own_s >= span_s[0]) & (own_s <= span_s[1])])
     for times in blocks(times_s, geometry.point_count):

@@ -103,7 +103,7 @@ class _Placed(Plain):
         return self.put(self.cut(motion), radar)
 
     def put(self, piece: Motion, radar: Radar) -> Motion:
-        """A piece, placed before the radar."""
+        """A piece with what the person carries, placed before the radar."""
         motion = place(
             carry(piece, self.carries),
             distance_m=self.distance_m,
@@ -191,8 +191,8 @@ class MotionText(_Placed):
         return self._bent(held)
 
     def piece(self, made: Motion | None = None) -> Motion:
-        """The result of `cut` for the motion `made`. The last few are cached: a data set judges several pieces of a motion and then
-        simulates one of them."""
+        """The result of `cut`; `made` saves making the motion where the caller has it. The last few are cached: a data set judges
+        several pieces of a motion and then simulates one of them."""
         if self.provider not in COMPOSED:
             return self.cut(self.made() if made is None else made)
         self._tell_of_end(_piece(self.model_copy(update={**NOWHERE, **WHOLE})))

@@ -256,8 +256,9 @@ def curved_refinements(
     max_faces: int,
     max_edge_m: float | None = None,
 ) -> list[Refinement]:
-    """Curved facets of a closed mesh (V, 3), (F, 3) for each of some limits of the phase sagitta, one number or one per vertex
-    (V,). Edges are no longer than `max_edge_m`, by default `MOST_WAVELENGTHS`."""
+    """Curved facets of a closed mesh (V, 3), (F, 3) for each of some limits of the phase sagitta [rad], one number or one per
+    vertex (V,). Edges are no longer than `max_edge_m`, by default `MOST_WAVELENGTHS`. Raises an InputError where a limit needs more
+    than `max_faces`."""
     surface = _Surface(np.asarray(rest, float), faces)
     return [
         surface.refined(wavenumber, range_m, np.asarray(limit, float), max_faces, max_edge_m) for limit in sagittas_rad

@@ -252,7 +252,7 @@ def refinements(
     displace: bool = True,
     max_faces: int = 2_000_000,
 ) -> list[Refinement]:
-    """Refines a mesh (V, 3), (F, 3) until the phase sagitta of its facets is below a limit; one refinement for each of several
+    """Refines a mesh (V, 3), (F, 3) until the phase sagitta of its facets is at most a limit; one refinement for each of several
     limits.
 
     `wavenumber` k = 2 pi / lambda [rad/m]; `range_m`: least range R; each of `sagittas_rad` is a limit s, one number or one per

@@ -29,9 +29,9 @@ UNITS_M = {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "ft": 0
 HEIGHT_M, ACROSS_M = (1.8, 12.0), (1.0, 100.0)
 """Least and greatest height of a room from floor to ceiling, and its least and greatest width [m]."""
 LOW_M = 4.5
-"""Greatest extent [m] of an axis that may be the upward one, for a file that does not specify it."""
+"""Height [m] up to which an axis is preferred as the upward one, for a file that does not specify it."""
 SMALL_M2, MOST_SMALL = 0.05, 500
-"""A plane part below the first area [m^2] counts as small; more small parts than the second number make a mesh a scan."""
+"""Plane parts below `SMALL_M2` [m^2] count as small; more than `MOST_SMALL` of them make a mesh a scan."""
 LEVEL = 0.94
 """Least cosine of the inclination of a floor: 20 degrees."""
 LEAST_LEAN_DEG = 0.02
@@ -80,7 +80,7 @@ def scene_from_mesh(
     materials: materials by the name of an object, of its material in the file, or by "floor", "ceiling", "wall" and "thing": an ITU
         name, such a name and a thickness as in "wood 0.04" [m], or a `Material`, which keeps the thickness of what it replaces. All
         others get the material that their name suggests ("door", "window", "glass" ...), or else the usual one for their role.
-    units: length of the file's unit [m], or m, cm, mm, inch or ft; metres by default.
+    units: length of the file's unit [m], or m, km, cm, mm, inch or ft; metres by default.
     up: upward axis, "y" or "z"; by default y for a .glb, else the axis along which the mesh is as high as a room.
     """
     path = file_path("mesh", path)

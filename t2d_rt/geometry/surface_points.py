@@ -124,7 +124,7 @@ def _candidates(corners: np.ndarray, spacing_m: float, axis: int) -> tuple[np.nd
 def _side(p: np.ndarray, q: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Twice the signed area of (p, q, point), (C,); bit for bit the negative of that for (q, p), zeros included.
 
-    So of two faces that share an edge, never both have a line through it, and never both miss it.
+    So a line through an edge that two faces share meets exactly one of them, unless both lie on one side of it.
     """
     swap = (p[:, 0] > q[:, 0]) | ((p[:, 0] == q[:, 0]) & (p[:, 1] > q[:, 1]))
     first, second = np.where(swap[:, None], q, p), np.where(swap[:, None], p, q)

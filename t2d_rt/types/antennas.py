@@ -18,7 +18,7 @@ from t2d_rt.types.fields import Decibel, Fields, Number
 
 ONE_VIEW_M = 0.01
 """Where transmitters and receivers are closer together than this [m], visibility is sampled from the midpoint between them. At 77
-GHz this costs a phase error of 0.01 rad within a patch of 2 cm at 0.3 m, and less with the square of the range; the vertices at
+GHz this costs a phase error of 0.01 rad within a patch of 2 cm at 0.3 m, which falls with the square of the range; the vertices at
 which visibility is sampled are farther apart than that."""
 
 

@@ -12,7 +12,7 @@ from t2d_rt.types.material import THING_NAMES, Material, known_material
 from t2d_rt.types.splines import set_fields
 
 ROTATION_LIMIT = 1e3
-"""Greatest component of a quaternion that is accepted and normalised; larger ones are taken for a mistake."""
+"""Greatest component of a quaternion that is accepted; larger ones are taken for a mistake."""
 HANDLE_M = 0.12
 """Length of a carried bag's handle, from its grip to its top [m]."""
 WHEEL_M, RIM_M = 0.305, 0.26

@@ -54,8 +54,8 @@ class MovingMesh:
     Between the given times the vertices follow a C2 cubic spline. Triangles are samples of a curved surface: edges bent by less
     than `crease_deg` are smoothed, sharper ones (those of a box) stay edges; 0 keeps every triangle flat. Echo models refine them
     to flat facets of a phase sagitta of `sagitta_rad`, one number or one per vertex: 0.07 gives 0.3 dB of RCS for canonical targets
-    (docs/physics.md, eq. 5). A closed mesh without edges may have `curved` facets instead, as a body has. These lie on Loop's
-    surface, whatever `crease_deg`, which passes through the vertices except for their roughness; a few curved facets of up to 2 rad
+    (docs/physics.md, eq. 5). A closed mesh without edges may have `curved` facets instead, as a body has. Whatever `crease_deg`,
+    these lie on Loop's surface, which passes through the vertices except for their roughness; a few curved facets of up to 2 rad
     replace many flat ones (eq. 30).
     """
 
@@ -125,7 +125,7 @@ class MovingMesh:
         default. `made` says how `track` was made, so that it can be made again from stored data. `period_s`: after each period the
         mesh is in the same place again, so that a fast-rotating one needs to be computed for a few periods only. `refined_as`:
         vertices at rest of a similar mesh whose curved facets this one shares; such a mesh counts as a body, whose shadows are
-        wider than the distance of its vertices.
+        wider than the spacing of its vertices.
         """
         mesh = cls.__new__(cls)
         times_s, name = checked_times(times_s), text("name", name)
@@ -285,7 +285,7 @@ def _check_faces(faces: np.ndarray, vertex_count: int, name: str, curved: bool) 
 def _check_side(corners: np.ndarray, name: str) -> None:
     """Refuses a closed mesh (F, 3, 3) whose faces are oriented inward."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    # Vectors of area of a closed mesh add up to zero; its volume is that of the tetrahedra under its faces.
+    # The area vectors of a closed mesh add up to zero; its volume is that of the tetrahedra under its faces.
     closed = np.allclose(edge_cross(corners).sum(axis=0), 0, atol=1e-9 * np.abs(corners).max() ** 2)
     across = np.cross(b, c) - np.cross(a, c) - np.cross(b, a)
     volume = float(np.einsum("fi,fi->", a - corners.mean(axis=(0, 1)), across)) / 6

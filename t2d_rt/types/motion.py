@@ -44,8 +44,7 @@ _COORDINATES = {
 
 
 INHALES = 0.35
-"""How much earlier than half way through its cycle a breath is fullest [rad]: breathing in takes 40 % of it, as at rest (1 :
-1.5)."""
+"""k of a breath's phase, cycle + k (1 - cos(cycle)) [rad]: breathing in takes 40 % of the cycle, as at rest (1 : 1.5)."""
 
 BEAT_NARROWNESS = 1.7
 """k of a beat exp(k cos(cycle)): half of its height or more for 30 % of the time, as the ventricles contract for

@@ -106,7 +106,7 @@ class PathFields(NamedTuple):
     """Fields that an antenna of gain 1 radiates over P one-way paths to points (...); vector components come first."""
 
     departure: np.ndarray
-    """Unit vectors of the rays where they leave the antenna, in its coordinates, (3, P, ...)."""
+    """Unit vectors of the rays where they leave the antenna, in the frame in which the radar stands still, (3, P, ...)."""
     arrival: np.ndarray
     """Unit vectors of the rays where they arrive at the points, in the scene, (3, P, ...)."""
     field: np.ndarray
@@ -117,8 +117,8 @@ class PathFields(NamedTuple):
 def fields_over(
     paths: Sequence[OneWayPath], points: np.ndarray, frequencies_hz: np.ndarray, times_s: np.ndarray | None = None
 ) -> PathFields:
-    """Fields over P paths, which must have the same number of elements, to points (..., 3) m at frequencies (F,) Hz. For a radar
-    that moves the points are (K, ..., 3) at times (K,) s."""
+    """Fields over P paths to points (..., 3) m at frequencies (F,) Hz; paths with the same number of elements are computed at
+    once. For a radar that moves the points are (K, ..., 3) at times (K,) s, and all paths must have the same `passing`."""
     passing, shape = paths[0].passing if paths else None, points.shape
     flat = points_in_scene(passing, points, times_s).reshape(-1, 3)
     departure, arrival = np.empty((2, 3, len(paths), len(flat)))

@@ -19,7 +19,7 @@ PathKey = tuple[tuple[str, ...], bytes]
 
 
 def passed(passing: Passing, times_s: np.ndarray | None) -> Rigid:
-    """The rigid motion of the scene before a moving radar at times (K,); such paths cannot be asked for without times."""
+    """The rigid motions of the scene relative to a moving radar at times [s] (K,); raises a ValueError where these are None."""
     if times_s is None:
         raise ValueError("paths to a radar that moves are known at given times alone")
     return passing(times_s)
@@ -49,7 +49,7 @@ class Elements(_Compared):
     elements."""
 
     mirror: np.ndarray
-    """Indices of the planes in the scene."""
+    """Indices of the mirrors in the scene."""
     through: np.ndarray
     """Whether the path passes through the slab (True) or is reflected (False), bool."""
     normal: np.ndarray
@@ -63,7 +63,8 @@ class Elements(_Compared):
     specular: np.ndarray
     """Fraction of the reflected field that a rough surface does not scatter, 0..1 (docs/physics.md, eq. 9)."""
     delay_s: np.ndarray
-    """Additional delay [s] that the slab causes to the wave it transmits; 0 for a reflection."""
+    """Delay [s] of the wave that goes straight through the slab from face to face, which adds to the delay of the path's length;
+    0 for a reflection."""
 
     @classmethod
     def none(cls) -> Elements:

@@ -258,7 +258,7 @@ class Radar(Fields):
         """The radar of a configuration file (.cfg) of Texas Instruments' mmWave SDK, or of its lines.
 
         The file specifies waveform, bursts, order of the transmitters, back-off of the power and, by antGeometry, the antennas;
-        `changes` override any other fields.
+        `changes` set the other fields, or override these.
         board: preset whose antennas, patterns and noise figure are used, such as "iwr6843isk"; by default the one that the file's
             comment "Platform:..." names.
 
@@ -275,9 +275,9 @@ class Radar(Fields):
         board: preset of the target device, as in `from_ti_cfg`; it is written as the comment "Platform:..." if the visualizer knows
             the device. Back-off is relative to the board's power, or to 12 dBm where no board is given.
 
-        The radar must have bursts and time multiplexing. The file has no gains, patterns, noise figure or pose; there is a warning
-        of a pose other than the default, of a track, and of a slope above the devices' 250 MHz/us. The device rounds frequency and
-        slope to its own steps.
+        The radar must have bursts, and time multiplexing if it has several transmitters. The file has no gains, patterns, noise
+        figure or pose. Warns of a pose other than the default, of a track, and of a slope above the devices' 250 MHz/us; the device
+        rounds frequency and slope to its own steps.
         """
         lines = ti_lines(self, board, FULL_DBM if board is None else type(self).preset(board).tx_power_dbm)
         if path is not None:

@@ -233,7 +233,7 @@ def _of_csv(path: Path) -> dict[str, np.ndarray]:
     if len(lines) < 2:
         return {}
     comma = next((separator for separator in ";\t" if separator in lines[0]), ",")
-    if comma != ",":  # spreadsheets whose decimal sign is the comma separate columns by semicolons
+    if comma != ",":  # spreadsheets whose decimal sign is the comma separate columns by semicolons or tabs
         lines[1:] = [line.replace(",", ".") for line in lines[1:]]
     rows = [[word.strip(' "') for word in line.rstrip(f"{comma} ").split(comma)] for line in lines]
     names = [name.lower() for name in rows[0]]

@@ -19,8 +19,8 @@ MAX_SURFACES = 20_000
 MAX_TRIANGLES = 500_000
 MAX_VERTICES = 500_000
 ROOM_M, ROOM_SURFACES, ROOM_TRIANGLES, ROOM_PLANES = 100.0, 2_000, 100_000, 10_000
-"""Limits for a scene in which rays are traced whole: ten times a furnished room. Time and memory grow with each plane, through
-edges and mirrors."""
+"""Limits up to which rays are traced in the whole scene, ten times those of a furnished room: edges and mirrors take time and
+memory with each plane."""
 NO_AREA_M2 = 1e-12
 """A triangle of less than half this area is a line or a point; it reflects nothing and is ignored where there are other
 triangles."""
@@ -145,8 +145,8 @@ class Scene:
 
     @property
     def is_large(self) -> bool:
-        """Whether it exceeds the limits within which rays are traced in the whole scene; then only its surroundings of the radar
-        are used."""
+        """Whether it exceeds the limits up to which rays are traced in the whole scene; beyond, only what is near the radar is
+        used."""
         low, high = self.bounds_m
         many = len(self.surfaces) > ROOM_SURFACES or self._triangles > ROOM_TRIANGLES
         return many or bool((high - low).max() > ROOM_M)

@@ -42,7 +42,8 @@ def read_lines(source: Source) -> list[str]:
 
 
 def read_commands(source: Source) -> Commands:
-    """The numbers of every line of a .cfg file, or of its lines, by the name of the command; lines with words have no numbers."""
+    """The numbers of every line of a .cfg file, or of its lines, by the name of the command. A line with words gives a single NaN;
+    where the command has only numbers it is refused."""
     commands: Commands = {}
     for line in read_lines(source):
         words = line.split("%")[0].split()
@@ -68,7 +69,7 @@ def board_of(source: Source) -> str | None:
 
 
 def numbers(commands: Commands, name: str, least: int) -> list[float]:
-    """Numbers of a command, which the file must have exactly once."""
+    """Numbers of a command, which the file must have exactly once, with `least` numbers or more."""
     rows = commands.get(name, [])
     if len(rows) != 1 or len(rows[0]) < least:
         raise InputError(
@@ -182,7 +183,7 @@ def _chirps(commands: Commands, frame: list[float]) -> list[list[float]]:
 
 
 def _profile(commands: Commands, chirp: list[float]) -> list[float]:
-    """Numbers of the profile of a chirp, with the variations of the chirp added: Hz, kHz/us, us and us."""
+    """Numbers of the profile of a chirp, to which the chirp's own variations [Hz, kHz/us, us, us] are added."""
     profiles = [profile for profile in commands.get("profileCfg", []) if profile and profile[0] == chirp[2]]
     profile = list(numbers({"profileCfg": profiles}, "profileCfg", 11))
     for place, change in ((1, chirp[3] * 1e-9), (7, chirp[4] * 1e-3), (2, chirp[5]), (3, chirp[6])):
