@@ -373,7 +373,7 @@ def band_features(levels_db: np.ndarray, velocity_mps: np.ndarray, duration_s: f
 
 
 def _above_noise(levels_db: np.ndarray, velocity_mps: np.ndarray) -> np.ndarray:
-    """Levels relative to the noise level [dB], at least 0."""
+    """Levels above the noise and `BANDS_MARGIN_DB` [dB], from 0 to `BANDS_RANGE_DB`."""
     from scipy.ndimage import uniform_filter1d
 
     power = uniform_filter1d(10.0 ** (levels_db.astype(np.float64) / 10.0), BANDS_SMOOTHED, axis=1, mode="nearest")

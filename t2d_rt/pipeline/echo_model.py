@@ -53,7 +53,8 @@ TWIN_SEED = 1_000_003
 
 @dataclass(frozen=True)
 class Model:
-    """The physical model of an experiment: targets, radar, scene and path pairs, from which an accuracy makes scatterers."""
+    """The physical model of an experiment: targets, radar, scene and path pairs, from which scatterers are made with an
+    accuracy."""
 
     radar: Radar
     modelled: Sequence[Target]

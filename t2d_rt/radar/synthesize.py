@@ -80,11 +80,14 @@ def synthesize(
     A large one is a `DiskCube`: its products are on disk, and samples are computed from them when they are read.
 
     Motion within a chirp is included; echoes from beyond the range axis are not (`windows.filtered`). The cube differs from the
-    direct sum of the same echoes (`direct.direct_sum`) by at most `tolerance_db` of NMSE. `read_frames`: about how many frames of
-    echoes are held at once, by default as many as fit a fixed amount of memory; it does not change the result. `onto`: a cube of
-    the same shape to which the samples are added and which is returned. `memory`: the limit of memory; unused memory is given back
-    between windows. `progress` is called with the fraction done, 0..1. `parts`: to which part of the recording each echo belongs,
-    or that it is left out.
+    direct sum of the same echoes (`direct.direct_sum`) by at most `tolerance_db` of NMSE.
+
+    read_frames: about how many frames of echoes are held at once; by default as many as fit a fixed amount of memory. It does not
+        change the result.
+    onto: a cube of the same shape, to which the samples are added and which is returned.
+    memory: the limit of memory; unused memory is given back between windows.
+    progress: called with the fraction done, 0..1.
+    parts: to which part of the recording each echo belongs, or that it is left out.
     """
     checks.instance("radar", radar, Radar, "a Radar", hint="Radar.preset('table2') makes one")
     assert getattr(echoes, "repeats", None) is None, "echoes that repeat are summed by add_repeated"

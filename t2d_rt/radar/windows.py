@@ -121,8 +121,9 @@ def block_end(
     """Index after the last frame of the block that begins with frame `first` of a record; a block has as many frames as fit a fixed
     amount of memory.
 
-    `echoes`, `vertices`: number in each frame. `at_once`: greatest number of frames that may be computed at once, 0 for any.
-    `read_frames`: about how many frames a block shall have.
+    echoes, vertices: number in each frame.
+    at_once: greatest number of frames that may be computed at once, 0 for any.
+    read_frames: about how many frames a block shall have.
     """
     most = max(LEAST_FRAMES, READ_VERTEX_FRAMES // max(1, vertices))
     most = min(most, at_once or most)

@@ -30,7 +30,8 @@ def device_points(adc: Any, radar: Radar, detection: Detection | None = None) ->
     """Points of a cube (chirp, antenna, sample), one frame for each burst of the radar, detected with the settings of `detection`.
 
     Speeds and ranges are whole FFT bins, with lengths along range that are the next powers of two, as on the device. `snr_db` is
-    the power in the map relative to the noise beside it along range. In a cube without receiver noise the noise is rounding errors.
+    the power in the map relative to the noise beside it along range. In a cube without receiver noise, the noise is rounding errors
+    only.
     """
     check_antennas(adc, radar)
     detection = Detection() if detection is None else detection

@@ -297,7 +297,8 @@ def _radar(radar: Radar) -> dict[str, Any]:
 
 
 def _beam(radar: Radar) -> list[float] | None:
-    """Half-power beamwidths of the two-way pattern, horizontal and vertical [deg]; None where the pattern is isotropic."""
+    """Half-power beamwidths, horizontal and vertical [deg], of the geometric mean of transmit and receive pattern; None where that
+    never falls to half its value ahead."""
     angles = np.radians(np.arange(0.0, 90.0, 0.25))
     widths = []
     for across in (1, 2):

@@ -71,7 +71,7 @@ def hashed(words: list[Any]) -> list[Any]:
 def complex_normal(backend: Backend, radius: Any, angle: Any) -> tuple[Any, Any]:
     """Real and imaginary part of a complex normal number of power 1, from two words (Box and Muller 1958), exact to 1e-5.
 
-    Since 24 bits of the first word are used, each part reaches at most 5.8 standard deviations.
+    Since 24 bits of the first word are used, each part reaches at most 5.9 standard deviations.
     """
     import drjit as dr
 
