@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from t2d_rt.learn.scores import Scores, scores_of
     from t2d_rt.learn.training import TrainOptions, train_model
 
-# everything loads at first use, as PyTorch takes seconds
+# Everything loads at first use, as PyTorch takes seconds.
 _HOMES = {
     "t2d_rt.learn.fine_tuning": ("STRATEGIES", "Events", "fine_tune", "labels_of", "pretrain"),
     "t2d_rt.dataset.splits": ("sides_of",),

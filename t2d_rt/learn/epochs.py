@@ -95,7 +95,7 @@ class Training:
         self._train, self._val = maps
         self._half = options.precision == "bfloat16"
         self._device = "cpu" if options.device == "cpu" else "cuda" if torch.cuda.is_available() else "mps"
-        # in bfloat16, convolutions are slower with channels first
+        # In bfloat16, convolutions are slower with channels first.
         network.to(self._device, memory_format=torch.channels_last if self._half else torch.preserve_format)
         self._optimizer = torch.optim.AdamW(network.parameters(), lr=options.rate, weight_decay=options.decay)
         self._plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(

@@ -77,7 +77,7 @@ class Prediction:
                 "recording, or at the model's weights"
             )
         first, last = self.starts_s[0], self.starts_s[-1] + self.duration_s
-        # instants have the spacing of the windows, or a finer one where windows are far apart, so that none is skipped
+        # Instants have the spacing of the windows, or a finer one where windows are far apart, so that none is skipped.
         steps_s = np.diff(self.starts_s) if len(self.starts_s) > 1 else np.array([self.duration_s])
         step_s = min(self.duration_s, float(np.median(steps_s)))
         if self.least_s > 0:
@@ -184,7 +184,7 @@ def windows_of(cards: Sequence[Card], recording: Recording, step_s: float) -> tu
     _check_speeds(all_columns, card)
     last = _last_start_s(all_columns, card)
     starts = np.append(np.arange(0.0, last - APART * step_s, step_s), last)
-    # networks with the same cells share their maps
+    # Networks with the same cells share their maps.
     kinds = {
         (member_card.size, member_card.velocity_mps, member_card.dynamic_range_db): member_card for member_card in cards
     }
@@ -296,7 +296,7 @@ def _piece(recording: Recording, start_s: float, duration_s: float, length_s: fl
     """
     begins = recording.radar.chirp_starts_s(len(recording.cube))
     begins = begins - begins[0]
-    # what the windows of the transform lose at the ends, or pauses between bursts add, is the same for a part as for the whole
+    # What the windows of the transform lose at the ends, or pauses between bursts add, is the same for a part as for the whole.
     beyond_s = float(begins[-1]) + recording.radar.loop_interval_s - length_s
     half_s = 0.5 * recording.radar.loop_interval_s
     burst = recording.radar.loops_per_frame or 1

@@ -192,7 +192,7 @@ def _ceiling_m(scene: Scene, place_m: np.ndarray) -> float:
     """Height [m] of the first surface vertically above a place; 0 where there is none."""
     corners = np.concatenate([surface.vertices[surface.faces] for surface in scene.surfaces]) - place_m
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.transpose(1, 2, 0)
-    # barycentric coordinates of the place within each triangle, in plan view
+    # Barycentric coordinates of the place within each triangle, in plan view.
     weights = np.stack([bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx])
     total = weights.sum(axis=0)
     over = ((weights >= 0).all(axis=0) | (weights <= 0).all(axis=0)) & (total != 0)

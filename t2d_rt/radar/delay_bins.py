@@ -94,7 +94,7 @@ def buckets(
     """Sorts pairs (interval, echo) into buckets of `width` range bins. `apart`: index of the part of each pair; pairs of different
     parts go to different buckets."""
     (delay, delay_slope), step_s = delays, instants.step_s
-    # the delay that corresponds to the beat frequency, range-Doppler coupling included
+    # The delay that corresponds to the beat frequency, range-Doppler coupling included.
     effective = delay + delay_slope * (instants.sweep.coupling_s / step_s)
     width_s = width * instants.sweep.bin_s
     before, after = effective[interval, echo], effective[interval + 1, echo]

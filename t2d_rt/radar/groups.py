@@ -127,7 +127,7 @@ def by_part(tree: Sequence[GroupLevel], part: np.ndarray, parts: int) -> tuple[l
     return split_levels, part
 
 
-# measured cost of an echo and of a node in a sum, relative to one another
+# Measured cost of an echo and of a node in a sum, relative to one another.
 WORK_ECHO, WORK_NODE = 1.0, 0.25
 
 

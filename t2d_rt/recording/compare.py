@@ -307,7 +307,7 @@ def mean_rcs_m2(result: Recording) -> float:
     power = np.where(power > power.max() * 10 ** (TARGET_LEVEL_DB / 10), power, 0.0)
     if not power.any():
         raise InputError("the recording is silent, so it has no radar cross-section; check where target and radar are")
-    # A Hann window spreads the power of a target over 1.5 bins.
+    # A Hann window spreads the power of a target over 1.5 bins, by which the sum is divided.
     return float(np.sum(power * radar.range_axis_m()[bins] ** 4)) / (1.5 * radar.link_amplitude**2)
 
 
@@ -327,7 +327,7 @@ def envelope(power_db: np.ndarray, speeds_mps: np.ndarray) -> tuple[np.ndarray, 
     peak."""
     power_db, speeds_mps = _checked_spectrogram(power_db, speeds_mps)
     level = np.median(power_db.max(axis=0)) + ENVELOPE_LEVEL_DB
-    # In a column without such a cell the envelope is at the strongest cell.
+    # In a column without a cell above the level the envelope is at the strongest cell.
     above = (power_db > level) | (power_db == power_db.max(axis=0))
     return speeds_mps[len(speeds_mps) - 1 - np.argmax(above[::-1], axis=0)], speeds_mps[np.argmax(above, axis=0)]
 

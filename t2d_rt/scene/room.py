@@ -162,7 +162,7 @@ class Room(Fields):
                 for a, b, c, d in spans
             )
         ]
-        # counter-clockwise as seen from inside
+        # Counter-clockwise as seen from inside.
         flipped = side in ("+x", "-y")
         surfaces = [_plates(f"wall{side}", plates, self.walls, flipped)]
         for opening, span in zip(holes, spans, strict=True):

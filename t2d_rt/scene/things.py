@@ -70,7 +70,7 @@ def wheels(carried: Carried) -> list[tuple[np.ndarray, float, Solid]]:
     vertices, faces = together([tyre, hub, *spokes])
     wheels_of_thing = []
     for side in (1.0, -1.0):
-        # the hand rim is on the outer side of the wheel
+        # The hand rim is on the outer side of the wheel.
         solid = together([(vertices - [0.0, 0.04 * side, 0.0], faces), torus(RIM_M, 0.009)])
         wheels_of_thing.append((np.array([0.0, side * carried.size_m[0] / 2, WHEEL_M]), WHEEL_M, solid))
     return wheels_of_thing

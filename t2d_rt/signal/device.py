@@ -97,7 +97,7 @@ def _over_doppler(part: np.ndarray, radar: Radar, detection: Detection, n_fft: i
             beside = [np.roll(ended, step, axis)[1 + near : 1 + len(levels) - far] for step in (-1, 1)]
             loud &= levels[near : len(levels) - far] >= np.maximum(*beside)
     row, column = np.nonzero(loud)
-    # in the order of an FFT: from zero speed over receding ones, which are negative, to approaching ones
+    # In the order of an FFT: from zero speed over receding ones, which are negative, to approaching ones.
     order = np.lexsort((row, -spectra.velocity_mps[column] % (2 * radar.max_speed_mps)))
     row, column = row[order], column[order]
     snr = np.exp(levels[row + near, column] - noise[row, column])

@@ -408,7 +408,7 @@ def _summed_powers(parts: Sequence[np.ndarray], starts: np.ndarray, weights: np.
     dtype, real = parts[0].dtype, parts[0].real.dtype
     columns = np.ascontiguousarray(weights.astype(real)[:, None])
     power = np.zeros((len(parts), len(starts), n_fft), dtype=real)
-    # real and imaginary parts alternate, as the weights are real
+    # Real and imaginary parts alternate, as the weights are real.
     real_parts = [np.ascontiguousarray(part).view(real) for part in parts]
 
     def run(chunk: np.ndarray) -> None:
@@ -456,7 +456,7 @@ def filtered(
     if adc.shape[0] <= piece or mti.method not in ("none", "mean"):
         yield 0, starts, mti.filter(cells_of(adc), radar)
         return
-    # range processing is linear, so the mean of the cells is that of the mean chirp
+    # Range processing is linear, so the mean of the cells is that of the mean chirp.
     steady = None
     if mti.method == "mean":
         chirp = np.zeros((1, *adc.shape[1:]), np.complex128)
@@ -502,7 +502,7 @@ def checked_windows(
     overlap = n_window * 200 // 256 if overlap is None else integer("overlap", overlap)
     n_fft = check_window(n_window, overlap, n_fft, burst)
     columns = len(window_starts(chirps, burst, n_window, n_window - overlap))
-    # powers, twice while they are reordered, and the spectra of each thread
+    # Powers, twice while they are reordered, and the spectra of each thread.
     size = 16 * columns * n_fft + 24 * min(os.cpu_count() or 1, columns) * CELLS * n_fft
     check_size(size, f"a spectrogram of {columns} columns of {n_fft} bins", "lower n_fft or overlap")
     return n_window, overlap, n_fft

@@ -443,7 +443,7 @@ def _check_period(codes: np.ndarray, together: int, row: int, senders: int, path
     lags = np.arange(min(len(values) // 2, LARGEST_LAG * row) + 1)
     if len(lags) <= row:
         return
-    # absolute values, because movement changes the phase from chirp to chirp
+    # Absolute values, because movement changes the phase from chirp to chirp.
     coherence = np.abs(fft.ifft(power)[: len(lags)]) / (len(values) - lags)
     coherence /= coherence[0] or 1.0
     sought = lags >= row // 8

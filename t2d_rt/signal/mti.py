@@ -38,7 +38,7 @@ def mti(
     if method == "none":
         return profile
     if method == "mean":
-        # float64 sums: in single precision the mean of 1e5 chirps would leave a residual
+        # float64 sums: in single precision the mean of 1e5 chirps would leave a residual.
         return profile - profile.mean(axis=0, dtype=np.complex128).astype(profile.dtype)
     if method == "highpass":
         return _highpass(profile, prf_hz, cutoff_hz, order)

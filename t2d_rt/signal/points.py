@@ -346,7 +346,7 @@ def _vertex(before: np.ndarray, here: np.ndarray, after: np.ndarray) -> np.ndarr
     """Position of the vertex of a parabola through three values one step apart, -1..1 steps from the middle."""
     bend = before - 2 * here + after
     top = np.divide(0.5 * (before - after), bend, out=np.zeros_like(here), where=bend < 0)
-    # where the parabola opens upwards: at the greater of both sides
+    # Where the parabola opens upwards: at the greater of both sides.
     return np.clip(np.where(bend < 0, top, np.sign(after - before)), -1, 1)
 
 

@@ -86,7 +86,7 @@ def range_fft(
         part = np.asarray(adc[start : start + block])
         part = part * weights.astype(part.real.dtype)
         check_finite(part)
-        # a copy, since a view would keep the whole block for a narrow gate
+        # A copy, since a view would keep the whole block for a narrow gate.
         blocks.append(fft.fft(part, n_fft, axis=-1, overwrite_x=True, workers=-1)[..., bins].copy())
     return np.concatenate(blocks)
 

@@ -93,7 +93,7 @@ def coherent_interval(
         low, high = low - burst, low - chirps
     start = int(np.clip(nearest - chirps // 2, low, high))
     window = np.array([start])
-    # copies, because MTI subtracts in place
+    # Copies, because MTI subtracts in place.
     _, _, part = next(filtered(adc, radar, window, chirps, np.array, clutter_filter))
     offset = start if len(part) == rows else 0
     middle_s = float(starts_s[start]) + chirps / 2 * radar.loop_interval_s

@@ -307,7 +307,7 @@ def _beats(values: np.ndarray, time_s: np.ndarray, breath: float) -> tuple[np.nd
     bounds = breath - 0.5 / span_s, breath + 0.5 / span_s
     fitted = minimize_scalar(lambda rate: float(np.sum(breathing(rate)[1] ** 2)) * 1e6, bounds=bounds, method="bounded")
     base, residual = breathing(float(fitted.x))
-    # products of cosine and sine of each frequency with the residual, with the columns, and with one another
+    # Products of cosine and sine of each frequency with the residual, with the columns, and with one another.
     products = np.fft.rfft(np.column_stack([residual, base]) * window[:, None], ZOOM * count, axis=0)
     twice = np.fft.fft(window**2, ZOOM * count)[2 * np.arange(len(products)) % (ZOOM * count)]
     cosine, sine = products.real[:, 1:], -products.imag[:, 1:]

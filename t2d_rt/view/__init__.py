@@ -62,7 +62,8 @@ class Viewer:
 
 
 def check_page(path: str | Path, *, overwrite: bool) -> Path:
-    """A checked absolute path for a page; refuses one with another ending, one that exists, or one that cannot be written."""
+    """A checked absolute path for a page; refuses one with another ending, one that cannot be written,
+    and, without `overwrite`, one that exists."""
     target = file_path("path", path)
     check_file(target, "a page", ".html", ".htm", overwrite=flag("overwrite", overwrite))
     return target.resolve()

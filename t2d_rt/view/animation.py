@@ -73,9 +73,9 @@ def animate(
     """Writes an animation of a simulated recording, in real time: its targets in their room by radial speed, and its spectrogram.
 
     path: file name that ends in .gif, or in .mp4, for which the program ffmpeg is needed.
-    width_px: width of the picture [pixel]; its height is 0.44 of that.
+    width_px: width of the picture [pixel], 300..1920, made even; its height is 0.44 of that.
     frames_hz: pictures per second, 1..50; for a GIF the interval is rounded to hundredths of a second. There are at most 1500
-    pictures.
+        pictures.
     title: a text above the spectrogram.
     """
     instance("recording", recording, Recording, "a Recording", hint="simulate makes one, Recording.load reads one")
@@ -105,7 +105,8 @@ def animate(
 
 
 def check_animation(path: str | Path, *, overwrite: bool) -> Path:
-    """A checked absolute path for an animation; refuses one with another ending, one that exists, or one that cannot be written."""
+    """A checked absolute path for an animation; refuses one with another ending, one that cannot be
+    written, and, without `overwrite`, one that exists; for .mp4 ffmpeg must be installed."""
     target = file_path("path", path)
     check_file(target, "an animation", *ENDINGS, overwrite=flag("overwrite", overwrite))
     if target.suffix.lower() == ".mp4" and shutil.which("ffmpeg") is None:

@@ -232,7 +232,7 @@ def _surface(surface: Surface, low: np.ndarray, high: np.ndarray) -> dict[str, A
     inward, offset = [0.0, 0.0, 0.0], 0.0
     for axis in range(3):
         for side, place in ((1.0, low[axis]), (-1.0, high[axis])):
-            # walls, floor and ceiling lie close to a side of the scene's bounding box
+            # Walls, floor and ceiling lie close to a side of the scene's bounding box.
             if np.abs(surface.vertices[:, axis] - place).max() < 0.05:
                 inward, offset = [side if k == axis else 0.0 for k in range(3)], side * float(place)
     return {
@@ -346,7 +346,7 @@ def evenly(time_s: np.ndarray, power_db: np.ndarray) -> tuple[np.ndarray, np.nda
 
 def _map(power_db: np.ndarray, up: tuple[str, np.ndarray], across: tuple[str, np.ndarray]) -> dict[str, Any]:
     """Levels (frame, up, across) as 0..255 over `LEVELS_DB` below the peak, cropped to where they exceed 60 dB below it."""
-    # silence is -300 dB
+    # Silence is -300 dB.
     peak = max(float(power_db.max()), -300.0 + LEVELS_DB)
     axes: dict[str, Any] = {}
     windows = []

@@ -58,8 +58,8 @@ RESNET_18 = Network(
 )
 
 COARSE = 128
-"""Number of cells of a map from which on a token of ViT-Tiny covers 16 x 16 of them; below that 8 x 8, so that there are at least
-64 tokens."""
+"""Number of cells of a map from which on a token of ViT-Tiny covers 16 x 16 of them; below that 8 x 8, so that maps of 64 x 64
+cells and more have at least 64 tokens."""
 IDLE_PARAMETERS = 12 * (4 * 192 * 192 + 192)
 """Number of parameters of the cross-attention in the twelve layers of ViT-Tiny, which MONAI 1.4 had: queries, keys, values and
 output."""

@@ -184,7 +184,7 @@ def prior_codes(architecture: Architecture, arrays: Arrays, steps: int, rng: np.
     heads = range(architecture.heads)
     embedding, hidden_in = arrays["prior.embedding"], arrays["prior.gru.weight_hh_l0"]
     bias_in, bias_hidden = arrays["prior.gru.bias_ih_l0"], arrays["prior.gru.bias_hh_l0"]
-    # what each code adds to the gates, (heads, codes, 3 hidden)
+    # What each code adds to the gates, (heads, codes, 3 hidden).
     gates_of = embedding @ arrays["prior.gru.weight_ih_l0"].T
     mixing, mixing_bias, among = arrays["prior.mixing"], arrays["prior.mixing_bias"], arrays["prior.among"]
     readout, readout_bias = arrays["prior.readout"], arrays["prior.readout_bias"]

@@ -66,7 +66,7 @@ def filter_of(samples: int) -> Filter:
     # Rounded, because the last bits of a fit differ from machine to machine.
     fit = np.round(least_squares(_error, start, method="lm", args=(frequency,)).x, 6)
     poles, zeros = _roots(fit)
-    # partial fractions: there is one zero less than there are poles
+    # Partial fractions: there is one zero less than there are poles.
     apart = poles[:, None] - poles + np.eye(len(poles))
     gains = math.exp(fit[0] / 2) * (poles[:, None] - zeros).prod(axis=1) / apart.prod(axis=1)
     covariance = np.outer(gains, gains) / (1 - np.outer(poles, poles))

@@ -131,14 +131,14 @@ class _Gated:
         if stages.adc is None:
             return False
         deviation = math.sqrt((self._noise_w - stages.adc.noise_power_w) / 2)
-        # the greatest possible peak of a chirp: all its energy in one sample
+        # The greatest possible peak of a chirp: all its energy in one sample.
         peak = math.sqrt(count * power_w) + float(np.abs(self._effects.offsets).max()) + DEVIATIONS * deviation
         return peak > math.sqrt(stages.adc.full_scale_w) or stages.adc.step > COARSEST * deviation
 
     def _by_samples(self, samples: np.ndarray, first: int) -> np.ndarray:
         received = self._effects.received(samples, first, samples[0])
         departure = received.samples - samples - self._effects.offsets[:, None]
-        # a burst may lie between the samples from which powers are computed
+        # A burst may lie between the samples from which powers are computed.
         added_w = (departure.real**2 + departure.imag**2).sum(axis=2)
         strided, departure = (values[..., self._stride // 2 :: self._stride] for values in (samples, departure))
         self._count(strided, departure, 0.0, added_w)

@@ -146,7 +146,7 @@ class PhaseNoise:
         count, design = self._slots.radar.samples, self._design
         drawn = self._draws.normal("phase noise", number, (len(rows), self._slots.per_row, len(design.powers)))[rows]
         drawn *= (2 * count * np.sqrt(design.powers)).astype(np.float32)
-        # the real part of a complex process with a symmetric spectrum has half its power
+        # The real part of a complex process with a symmetric spectrum has half its power.
         places = self._slots.numbers(number * self._slots.group_rows, len(rows))[rows]
         rate = math.sqrt(2) * self._slow.at(places).real
         phases = np.empty((len(design.nodes.delays_s), *drawn.shape[:2], count), np.float32)
@@ -170,7 +170,7 @@ class PhaseNoise:
         """Selects the rows of a spectrum (row, antenna, sample) in which phase noise matters."""
         if self._thermal_w <= 0:
             return np.ones(len(spectrum), bool)
-        # summed instead of a matrix product, so that the bits do not depend on which rows there are
+        # Summed instead of a matrix product, so that the bits do not depend on which rows there are.
         levels = (np.abs(spectrum) ** 2 * (self._design.greatest / spectrum.shape[2] ** 2)).sum(axis=2)
         return np.asarray(levels.max(axis=1) > NEGLIGIBLE * self._thermal_w)
 
@@ -274,7 +274,7 @@ def _nodes(delays_s: np.ndarray, greatest_s: float, count: int) -> Nodes:
     points = greatest_s * (1 - np.cos(np.pi * np.arange(count + 1) / count)) / 2
     scale = (-1.0) ** np.arange(count + 1)
     scale[[0, -1]] /= 2
-    # barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4)
+    # Barycentric formula (Berrut and Trefethen 2004, eq. 4.2 and 5.4).
     apart = delays_s - points[:, None]
     met = np.abs(apart) < 1e-12 * points[-1]
     terms = scale[:, None] / np.where(met, 1.0, apart)

@@ -97,7 +97,7 @@ class Slow:
         """Complex values at slots, given by their indices; real and imaginary part are independent processes of half the power
         each."""
         half = SEGMENT // 2
-        # every slot lies in two segments, whose squared windows add up to 1
+        # Every slot lies in two segments, whose squared windows add up to 1.
         first = numbers // half
         values = np.zeros(numbers.shape, complex)
         for segment in np.unique(np.concatenate([first.ravel(), first.ravel() + 1])).tolist():

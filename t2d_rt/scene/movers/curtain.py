@@ -72,7 +72,7 @@ class Curtain(Fields):
         aside = np.linspace(-self.width_m / 2, self.width_m / 2, columns)
         up = np.linspace(0, 1, rows)
         folds = self.depth_m / 2 * np.sin(2 * math.pi * aside / self.fold_m)
-        # seen from its front, which faces +x, the curtain's +y is to the right
+        # Seen from its front, which faces +x, the curtain's +y is to the right.
         rest = np.stack(np.broadcast_arrays(folds, aside, (up[:, None] - 1) * self.height_m), axis=-1)
         zeros = jn_zeros(0, MODES)
         frequency = zeros / 2 * math.sqrt(STANDARD_GRAVITY / self.height_m)

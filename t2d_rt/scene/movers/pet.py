@@ -57,7 +57,7 @@ class Build:
     tail: float
 
 
-# round figures for a retriever, 38 l, and a house cat, 4.5 l
+# Round figures for a retriever, 38 l, and a house cat, 4.5 l.
 BUILDS = {
     "dog": Build(0.50, 1.05, (0.70, 0.22, 0.27), 0.16, 0.12, 0.42, (0.24, 0.13, 0.14), 0.60),
     "cat": Build(0.24, 1.15, (0.76, 0.23, 0.27), 0.15, 0.11, 0.32, (0.22, 0.18, 0.17), 1.00),
@@ -222,7 +222,7 @@ def _leg(hip: np.ndarray, ankle: np.ndarray, left: np.ndarray, h: float, radius:
     line = ankle - hip
     reach = np.linalg.norm(line, axis=1, keepdims=True)
     line /= reach
-    # law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts
+    # Law of cosines: the angle at the hip between the direction of the ankle and the two parallel parts.
     cosine = (reach**2 + a**2 - b**2) / (2 * reach * a)
     forward = np.cross(line, left)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)

@@ -15,7 +15,7 @@ from t2d_rt.types import Material, MovingMesh
 from t2d_rt.types.fields import Number
 from t2d_rt.types.mesh import Provenance, Track
 
-# smaller values give meshes without area, and absurd speeds
+# Smaller values give meshes without area, and absurd speeds.
 Length = Annotated[Number, Field(ge=0.01, le=20)]
 Seconds = Annotated[Number, Field(ge=0.05, le=3600)]
 Angle = Annotated[Number, Field(ge=-360, le=360)]
@@ -80,7 +80,7 @@ def skin_faces(rings: int, per_ring: int) -> np.ndarray:
     there = np.roll(here, -1)
     start = per_ring * np.arange(rings - 1)[:, None]
     a, b = start + here, start + there
-    # each cell between two rings is cut along the diagonal from a point to the next point of the ring above
+    # Each cell between two rings is cut along the diagonal from a point to the next point of the ring above.
     sides = np.stack([np.stack([a, b, b + per_ring], -1), np.stack([a, b + per_ring, a + per_ring], -1)]).reshape(-1, 3)
     left = np.arange(per_ring // 2 - 1)
     right = per_ring - 1 - left
