@@ -184,7 +184,8 @@ def maps_of(
     dynamic_range_db: levels are clipped at this distance below each map's greatest cell [dB].
     speeds_mps: outer edges of the lowest and the highest cell [m/s], within `shared_speeds(dataset)`, which is the default.
 
-    Raises InputError where samples cover different speeds or durations, where a map is empty, and where a class has no sample.
+    Raises InputError where samples cover different speeds or durations, where the data set keeps a smaller dynamic range, where a
+    map has a single level, and where a class has no sample.
     """
     instance("dataset", dataset, Dataset, "a Dataset", hint="Dataset(folder) reads one")
     map_size, range_db = checked_size(size), positive("dynamic_range_db", dynamic_range_db, 200, unit="dB")
@@ -282,7 +283,7 @@ class _Axes(Protocol):
 
 
 def check_axes(first: _Axes, second: _Axes) -> None:
-    """Refuses maps whose cells, though of equal number, cover other speeds or another duration."""
+    """Refuses maps of as many cells whose speeds differ by more than half a cell, or durations by more than 5 %."""
     cell = float(first.velocity_mps[1] - first.velocity_mps[0])
     away = float(np.abs(second.velocity_mps - first.velocity_mps).max())
     if away > 0.5 * cell + 1e-9 or abs(second.duration_s - first.duration_s) > 0.05 * first.duration_s:
