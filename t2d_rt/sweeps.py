@@ -81,6 +81,7 @@ class Point:
     accuracy: Mapping[str, Any]
     """The fields of `Accuracy` that are given."""
     tolerance_db: float | None
+    """Greatest field error [dB]; None where the accuracy is used as it is given."""
     signal: Mapping[str, Any]
     """Options of the spectrogram."""
     file: str
@@ -108,7 +109,7 @@ class Sweep:
     parts: xr.Dataset | None = None
     """Levels of the recordings' parts (recording, part), where they were simulated with `split`: `level_db` and
     `strongest_fraction` as in `Parts.levels`, and `level_difference_db` from the first recording [dB], NaN where one of the two has
-    no such part."""
+    no such part. None without `split`."""
 
     def recording(self, number: int) -> Recording:
         """Reads one of the recordings from the folder."""

@@ -239,7 +239,7 @@ class ErrorBudget:
             first += len(tier_pairs)
 
     def _power_of(self, levels_db: Sequence[float]) -> np.ndarray:
-        """Power of the model's path pairs at these levels [dB], relative to the power of all ranked pairs."""
+        """Power of path pairs of these levels [dB], relative to the power of all ranked pairs, (P,)."""
         power: np.ndarray = 10 ** (np.array(levels_db) / 10)
         return power / sum(10 ** (pair.mean_db / 10) for pair in self.model.ranked)
 

@@ -49,7 +49,7 @@ class Law:
 
     mean_db: float
     scatter_db: float
-    """Standard deviation over the cases of the fit."""
+    """Standard deviation over the cases of the fit [dB]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class FacetLaw:
     facets_db: np.ndarray
     """Field error of facets of these phase sagittas [dB], (K,)."""
     coarser_db: np.ndarray
-    """Energy of the difference from facets of `COARSER` times the phase sagitta [dB], for the first K - 2 phase sagittas."""
+    """Energy of the difference from facets of `COARSER` times the phase sagitta [dB], for the first phase sagittas, (K - 2,)."""
     scatter_db: float
     """Standard deviation of `facets_db` over the cases of the fit [dB]."""
     difference_scatter_db: float

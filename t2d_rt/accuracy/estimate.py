@@ -60,8 +60,8 @@ class Chirps:
         return np.stack([self.starts_s, self.starts_s + radar.sample_times_s[-1]], axis=1).ravel()
 
     def nearest(self, samples_s: np.ndarray, radar: Radar) -> np.ndarray:
-        """The sample times [s] just before and after each chirp: the only ones of `samples_s`, ascending, that interpolation at the
-        chirps needs."""
+        """The sample times [s] just before and after each chirp, (M,): the only ones of `samples_s`, ascending, that interpolation
+        at the chirps needs."""
         after = np.clip(np.searchsorted(samples_s, self.instants_s(radar)), 1, len(samples_s) - 1)
         return samples_s[np.unique([after - 1, after])]
 

@@ -64,8 +64,8 @@ class MeasuredError:
     """Standard deviation of the error [dB], from the scatter of chirps and that of the laws."""
     chirps: int
     facets_db: float | None = None
-    """Part of the error that the facets alone cause [dB]; the rest is that of visibility. Known only where the run was compared
-    with finer facets and misses the tolerance, or keeps it by less than a standard deviation."""
+    """Part of the error that the facets alone cause [dB]; the rest is that of visibility. None unless the run was compared with
+    finer facets and misses the tolerance, or keeps it by less than a standard deviation."""
 
     def described(self) -> dict[str, float]:
         """Entries of a recording's settings."""

@@ -34,6 +34,7 @@ class Wanted:
     given: Accuracy
     """Its fields that are set are kept; with a tolerance all others are chosen."""
     tolerance_db: float | None
+    """Greatest field error [dB]; None where the given accuracy is used as it is."""
     measured: bool
     """Whether the error is measured after the run."""
     factored: bool = False

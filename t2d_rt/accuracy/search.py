@@ -37,7 +37,7 @@ PLANNED = VISIBILITY[1:]
 twentieth of the time is saved."""
 MOST_SUBDIVISION = 2
 MOST_VISIBILITY_HZ = 400.0
-"""Greatest rate at which visibility is sampled when a run that missed its tolerance is repeated."""
+"""Greatest rate [Hz] at which visibility is sampled when a run that missed its tolerance is repeated."""
 MOST_VISIBILITIES = 3
 """How many settings of visibility a plan tries at most: the cheapest of those that are good enough."""
 WITH = {

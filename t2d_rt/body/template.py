@@ -53,8 +53,8 @@ class Template:
     """Rings of surface vertices around hips, knees, ankles, shoulders, elbows, wrists and head."""
 
     like: np.ndarray | None = None
-    """Rest vertices of the shipped body in the same outfit from which this one was made, and whose facets it shares; None for a
-    shipped body."""
+    """Rest vertices [m], (V, 3), of the shipped body in the same outfit from which this one was made, and whose facets it shares;
+    None for a shipped body."""
     outfit: Outfit | None = None
     """Outfit that the body wears; None for the bare body."""
 

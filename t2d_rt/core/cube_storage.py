@@ -204,9 +204,9 @@ class FileRows:
     row_numbers: int
     """How many numbers make a row."""
     decode: Callable[[np.ndarray], np.ndarray] | None = None
-    """Function that decodes rows of numbers (row, number) to as many rows of complex64 samples."""
+    """Function that decodes rows of numbers (row, number) to as many rows of complex64 samples; None before it is known."""
     held: np.ndarray | None = None
-    """All numbers (row, number), where those of a row are not contiguous in the file."""
+    """All numbers (row, number), where those of a row are not contiguous in the file; None where they are read when needed."""
     state: tuple[int, int] = field(init=False)
     """Size and modification time of the file."""
 

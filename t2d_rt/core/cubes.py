@@ -39,7 +39,7 @@ class GatedRows:
         return (*self.cells.shape[:2], self.samples)
 
     def read(self, start: int, stop: int) -> np.ndarray:
-        """Raises an error, for samples cannot be recovered."""
+        """Raises an InputError, for samples cannot be recovered from range cells."""
         raise InputError(
             "this recording keeps the range cells of its gate and no ADC samples; simulate it without a range gate"
         )
@@ -179,7 +179,7 @@ class CubeWriter:
             self._pool.shutdown()
 
     def room(self, rows: int) -> np.ndarray:
-        """Array for the next rows, to be filled before the next call; it is not initialised."""
+        """Array (row, antenna, sample) for the next rows, to be filled before the next call; it is not initialised."""
         if isinstance(self._cube, np.ndarray):
             self._row += rows
             return self._cube[self._row - rows : self._row]
@@ -238,7 +238,8 @@ class CubeAdder:
                 self._products.end()
 
     def room(self, rows: int) -> np.ndarray:
-        """Array for what is added to the next rows, to be filled before the next call; it is not initialised."""
+        """Array (row, antenna, sample) for what is added to the next rows, to be filled before the next call; it is not
+        initialised."""
         self._add()
         self._held = np.empty((rows, *self._cube.shape[1:]), DTYPE)
         return self._held

@@ -40,11 +40,11 @@ class Piece:
     theta: np.ndarray
     """Carrier of each bucket: its phase per unit of x, (bucket,)."""
     weights: np.ndarray | None
-    """Function of the sample that belongs to each of the Q nodes, (Q, sample)."""
+    """Function of the sample that belongs to each of the Q nodes, (Q, sample). None for plain samples."""
     x: np.ndarray
     """Positions of the samples in the sweep, -1..1, (sample,)."""
     phase: np.ndarray | None
-    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there."""
+    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there, without (None) they replace it."""
     band: float
     """Greatest |theta - theta of the bucket| of any echo in it [rad]."""
 
@@ -117,7 +117,7 @@ class Product:
     band: float
     """Greatest |theta - theta of the bucket| of any echo in a bucket [rad]."""
     phase: np.ndarray | None = None
-    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there."""
+    """Phase factor of each chirp, (chirp,); samples with a phase are added to what is there, without (None) they replace it."""
 
     def pieces(self) -> Iterator[tuple[slice, Piece]]:
         """Pieces of `PIECE_CHIRPS` chirps, each with the buckets that are not empty there."""

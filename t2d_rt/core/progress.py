@@ -99,7 +99,8 @@ def split_progress(progress: Callable[[float], None] | None, count: int) -> Iter
 
 
 def stretch(progress: Callable[[float], None] | None, start: float, stop: float) -> Callable[[float], None] | None:
-    """A function that reports the progress of a part of a run, 0..1, as that between `start` and `stop` of the whole."""
+    """A function that reports the progress of a part of a run, 0..1, as that between `start` and `stop` of the whole; None for
+    None."""
     return None if progress is None else partial(_report_within, progress, start, stop)
 
 

@@ -123,7 +123,8 @@ def empty_room(seed: int, *, duration_s: float = 5.0, radar: Radar | None = None
 
 
 def receiver_noise(shape: tuple[int, ...], radar: Radar, rng: np.random.Generator) -> np.ndarray:
-    """Receiver noise, complex64: thermal noise of `Radar.noise_power_w`, and the part of the 1/f noise that is slower than a chirp.
+    """Receiver noise (chirp, antenna, sample), complex64 [sqrt(W)]: thermal noise of `Radar.noise_power_w`, and the part of the 1/f
+    noise that is slower than a chirp.
 
     With N0 the thermal density, 1/f noise has the density N0 f_c / |f|. Its slow part is the same for all samples of a chirp; it is
     drawn by its spectrum over the chirps, up to half the chirp rate.

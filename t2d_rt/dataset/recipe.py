@@ -94,9 +94,9 @@ class Condition(Plain):
     clutter: Clutter = "specular"
     """Echoes of the static scene: "specular", "diffuse" or "none"."""
     tolerance_db: Annotated[Number, Field(ge=-60, le=0)] | None = None
-    """Greatest field error [dB], for which one plan is made for each class."""
+    """Greatest field error [dB], for which one plan is made for each class; by default there is no plan."""
     accuracy: Accuracy | None = None
-    """How finely it is modelled; with a tolerance the fields that are set in it stay."""
+    """How finely targets are modelled; with a tolerance the fields that it sets are kept."""
     weight: Annotated[Number, Field(gt=0, le=1e6)] = 1.0
     """Weight with which the condition is drawn, relative to the others."""
 
@@ -275,7 +275,7 @@ class Recipe(Fields):
 
     def side_at(self, number: int) -> Side | None:
         """The side of a description, or of a subject among those of one kind, by its number: sides alternate according to their
-        weights."""
+        weights. None where the recipe has no sides."""
         order = [side for side in self.sides for _ in range(side.weight)]
         return order[number % len(order)] if order else None
 

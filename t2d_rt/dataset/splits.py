@@ -345,7 +345,7 @@ TRAINING_FRACTIONS = 0.5, 0.25, 0.25
 def sides_of(
     records: Sequence[Mapping[str, Any]], by: str, *, fractions: Sequence[float] = TRAINING_FRACTIONS, seed: int = 0
 ) -> dict[str, np.ndarray]:
-    """Positions of the samples of train, val and test, with the same fractions of each class."""
+    """Positions of the samples of train, val and test, (M,) each, with the same fractions of each class."""
     choice("split", by, SPLITS)
     if by != "file":
         apart = ("description", "seed") if by == "description" else ("description", "clip", "seed")

@@ -47,7 +47,7 @@ class ClassSummary:
     passed: int
     """Number of motions that the filter accepts as ones of the class."""
     reason: str | None
-    """Most frequent reason for which others do not pass."""
+    """Most frequent reason for which others do not pass; None where all pass."""
     made_s: np.ndarray
     """Durations of the motions before they were cut or held [s]."""
     snr_db: np.ndarray
@@ -190,7 +190,7 @@ def _values_of(records: Sequence[dict[str, Any]], name: str) -> np.ndarray:
 
 
 def _seconds_left(dataset: Dataset) -> float | None:
-    """Remaining time [s], from the times at which the latest shards were written."""
+    """Remaining time [s], from the times at which the latest shards were written; None without a run or two shards."""
     finished = sorted((path.stat().st_mtime, path) for path in (dataset.path / SHARDS).glob("*.jsonl"))[-SHARDS_TIMED:]
     if len(finished) < 2 or not in_use(dataset.path):
         return None

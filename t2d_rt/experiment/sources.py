@@ -255,9 +255,9 @@ class MotionArrays(Plain):
     activities: tuple[tuple[str, Number], ...] = later(())
     """What the person does, and from when on [s]."""
     breathing: Breathing | None = later(None)
-    """How the person breathes."""
+    """How the person breathes; None for a motion without breathing."""
     heartbeat: Heartbeat | None = later(None)
-    """How the person's heart beats."""
+    """How the person's heart moves the skin; None where it does not."""
     carries: tuple[Carried, ...] = later(())
     """What the person carries."""
 
@@ -365,9 +365,9 @@ class SceneFile(Plain):
     """Substitutes by the names of what they stand for, as {brick: concrete}; of a mesh, materials of its objects, as
     {door: wood 0.04}."""
     units: Number | str | None = later(None)
-    """Unit of a mesh, as a number of metres or a name."""
+    """Unit of a mesh, as a number of metres or a name; metres by default."""
     up: str | None = later(None)
-    """Upward axis of a mesh, y or z."""
+    """Upward axis of a mesh, y or z; found by default."""
 
 
 Source = Annotated[

@@ -181,7 +181,7 @@ def _neighbours(mesh: Topology) -> Csr:
 
 
 def _next_weight(valence: np.ndarray) -> np.ndarray:
-    """Weight of each neighbour in the position of a vertex after one subdivision."""
+    """Weight of each neighbour in the position of a vertex after one subdivision, for vertices of a valence (N,)."""
     return (5 / 8 - (3 / 8 + np.cos(2 * np.pi / valence) / 4) ** 2) / valence
 
 

@@ -37,7 +37,7 @@ class Plane:
     offset_m: float
     """Offset of the plane [m]: normal . x of its points."""
     members: np.ndarray
-    """Indices of its triangles."""
+    """Indices of its triangles, (M,)."""
 
 
 def plane_of(triangles: np.ndarray, normal: np.ndarray) -> np.ndarray:

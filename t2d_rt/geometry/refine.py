@@ -66,7 +66,7 @@ def grade(levels: list[ButterflyLevel]) -> None:
 
 
 def tree_masks(levels: list[ButterflyLevel]) -> Iterator[np.ndarray]:
-    """For each level, which of its faces are in the refined mesh, split or not."""
+    """For each level, which of its faces are in the refined mesh, split or not, bool (F,)."""
     yield np.ones(len(levels[0].topology.faces), bool)
     for coarse, fine in pairwise(levels):
         yield coarse.red[fine.parent]
@@ -189,7 +189,7 @@ class Refinement:
     control: Csr | None = None
     """Matrix from coarse vertices to control points, (V, V); None where these are the same."""
     key: str | None = None
-    """Hash of everything that determines the refinement, if it is in the disk cache."""
+    """Hash of everything that determines the refinement, if it is in the disk cache; else None."""
 
     @property
     def nodes(self) -> np.ndarray:

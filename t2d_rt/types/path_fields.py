@@ -55,7 +55,8 @@ def _transmission(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequen
 
 
 def _waves(eta: np.ndarray, thickness_m: Any, cosine: np.ndarray, frequency_hz: Any) -> tuple[Polarized, np.ndarray]:
-    """Reflection coefficients of a single face for TE and TM, and the propagation factor of the field from face to face."""
+    """Reflection coefficients (...) of a single face for TE and TM, and the propagation factor (...) of the field from face to
+    face."""
     cosine = np.asarray(cosine, float)
     root = np.sqrt(eta - (1 - cosine**2))
     # e^{-jq}: an evanescent or lossy wave decays.

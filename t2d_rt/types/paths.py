@@ -322,7 +322,7 @@ class StaticPath(_Compared):
     arrival_m: np.ndarray
     """Apparent position of the transmitters as seen from the receivers [m], (3,)."""
     at: Callable[[np.ndarray], StaticPath] | None = None
-    """Function that gives the path at times [s] (T,), for a radar that moves."""
+    """Function that gives the path at times [s] (T,), for a radar that moves; else None."""
     fraction: np.ndarray | None = None
     """Fraction of its field at sample times, (S,), for a path that exists only at some of them; None: it always exists."""
 

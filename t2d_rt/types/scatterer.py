@@ -28,7 +28,7 @@ class FrameBlock:
     """Consecutive surface frames of a record, for which echoes are computed at once."""
 
     record_s: np.ndarray
-    """Times of all frames of the record [s]."""
+    """Times of all frames of the record [s], (T,)."""
     first: int
     last: int
     """Index of the frame after the last one of the block."""
@@ -39,7 +39,7 @@ class FrameBlock:
         return self.record_s[self.first : self.last]
 
     def wider(self, frames: int) -> np.ndarray:
-        """Times [s] of the block's frames and of so many more on either side, as far as the record goes."""
+        """Times [s] of the block's frames and of `frames` more on either side, as far as the record goes."""
         return self.record_s[max(0, self.first - frames) : self.last + frames]
 
 

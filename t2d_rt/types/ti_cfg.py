@@ -257,8 +257,8 @@ def _antennas(commands: Commands, order: list[int], board: Mapping[str, Any] | N
 
 
 def _of_geometry(commands: Commands, transmitters: int, on: int | None, half_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets [m] of transmitters and receivers from the positions of the virtual antennas in antGeometry, which count half
-    wavelengths to the right and upwards."""
+    """Offsets [m] of the transmitters (M, 3) and receivers (N, 3), from the positions of the virtual antennas in antGeometry, which
+    count half wavelengths to the right and upwards."""
     across, up = (np.array(numbers(commands, f"antGeometry{axis}", 1)) for axis in (0, 1))
     receivers = len(across) // transmitters
     if len(across) != len(up) or receivers * transmitters != len(across) or receivers != (on or receivers):
