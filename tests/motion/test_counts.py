@@ -310,6 +310,16 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("sits for 5 s, three times, then jumps", [{"count": 3, "duration_s": 15}, {"action": "jump"}]),
         ("sits (for 5 s) twice and jumps", [{"count": 2, "duration_s": 10}, {"action": "jump"}]),
         ("dances for 5 s, two times slowly", [{"count": 2, "duration_s": 10, "speed": "slow"}]),
+        ("squats for 60 s, 20 times in total", [{"count": 20, "duration_s": 60}]),
+        ("walks for 10 s twice around the chair", [{"count": 2, "duration_s": 10}]),
+        (
+            "hops on the left leg for 5 s twice and on the right leg three times",
+            [{"count": 2, "duration_s": 10}, {"count": 3, "duration_s": 15}],
+        ),
+        ("squats down and up again, twice", [{"action": "squat", "count": 2}]),
+        ("climbs up the stairs and down again twice", [{"direction": "up"}, {"direction": "down", "count": None}]),
+        ("stands for 5 s, then again for 5 s, then jumps", [{"action": "stand", "duration_s": 10}, {"action": "jump"}]),
+        ("walks for 10 s to a second chair", [{"duration_s": 10, "object": "chair"}]),
         ("waits for 5 s, twice jumping", [{"count": None, "duration_s": 5}, {"action": "jump", "count": 2}]),
         ("sits for 5 s, two jumps", [{"count": None, "duration_s": 5}, {"action": "jump", "count": 2}]),
         ("dances for 3 sets of 10 s", [{"count": 3, "duration_s": 30}]),
@@ -493,6 +503,8 @@ def test_numbers_in_words(words: str, slot: str, value: float) -> None:
         ("between 5 seconds and 1 minute", "duration_s", 32.5, ("between 5 seconds and 1 minute", "32.5 seconds")),
         ("for 1 minute to 90 seconds", "duration_s", 75.0, ("for 1 minute to 90 seconds", "75 seconds")),
         ("for half a minute to a minute", "duration_s", 45.0, ("for half a minute to a minute", "45 seconds")),
+        ("for half a second to a second", "duration_s", 0.75, ("for half a second to a second", "0.75 seconds")),
+        ("for 1 min and 5 to 10 s", "duration_s", 67.5, ("for 1 min and 5 to 10 s", "67.5 seconds")),
         ("from 5 s to 1 min", "duration_s", 55.0, ("from 5 s to 1 min", "55 seconds")),
         ("between about 5 s and about 10 sec", "duration_s", 7.5, ("between about 5 s and about 10 sec", "7.5 sec")),
         ("one, two or three times", "count", 1, ("one , two or three times", "1 times")),
@@ -534,6 +546,12 @@ def test_of_a_range_one_number_is_read_and_told(words: str, slot: str, value: fl
             "angle_deg",
             112.5,
             (("between 45 degrees and half a turn", "112.5 degrees"),),
+        ),
+        (
+            "a man turns between half a turn and a full turn",
+            "angle_deg",
+            270.0,
+            (("between half a turn and a full turn", "270 degrees"),),
         ),
         (
             "a man turns from 90 degrees to half a turn",
@@ -626,6 +644,7 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("jumps while walking, then twice more", "twice"),
         ("walks forward and back, then once more", "once"),
         ("walks for 45 s to 1 min 30 s", "45 s to 1 min 30 s"),
+        ("walks for 1 min 30 s to 2 min", "1 min 30 s to 2 min"),
         ("walks to one chair and then to another", "another"),
         ("jumps, then a second time", "second"),
         ("jumps time and time again", "time and time again"),
@@ -782,3 +801,13 @@ def test_jumping_jacks_open_arms_and_legs() -> None:
     motion = motion_from_text(parsed.description, seed=1)
     feet = motion.joints[:, motion.index("left_ankle")] - motion.joints[:, motion.index("right_ankle")]
     assert dips(-np.linalg.norm(feet, axis=1), 0.5) == 5
+
+
+@pytest.mark.parametrize(
+    "words", ["0 times for 6 s, then once more", "2.5 times for 6 s, then once more", "for 5 s, then 1.5 times more"]
+)
+def test_no_whole_number_of_times_is_refused_before_what_is_done_again(words: str) -> None:
+    with pytest.raises(
+        InputError, match=r"an action is done 1 to 100 times, got .* times; write a whole number of times"
+    ):
+        parse_description(f"a man squats {words}")

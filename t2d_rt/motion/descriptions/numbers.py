@@ -102,7 +102,8 @@ def linked_numbers(words: list[str], place: int) -> tuple[list[float], list[str]
         number = _end(words, after, article=unit is not None) if after > start else None
         if number is not None and unit is not None:
             name, size = _scale(words, number[1]) or ("".join(words[number[1] : number[1] + 1]), 1.0)
-            if name == unit[0]:
+            ordinal = words[number[1] - 1 : number[1] + 1] == ["a", "second"] and values[-1] * unit[1] > size
+            if name == unit[0] and not ordinal:  # for 10 s to a second chair
                 values[-1] *= unit[1] / size  # 30 seconds to a minute are 0.5 to 1 minute
             else:
                 number = None
@@ -146,8 +147,9 @@ def _end(words: list[str], place: int, *, article: bool = False) -> tuple[float,
         return fraction[0], after + int(words[after : after + 1] in (["a"], ["an"]))
     if reading is None or not math.isfinite(reading.number):
         return None
-    if words[place : reading.end] in (["a"], ["an"]) and not (article and _scale(words, reading.end)):
-        return None
+    if words[place : reading.end] in (["a"], ["an"]):
+        end = reading.end + int(words[reading.end : reading.end + 1] in (["full"], ["complete"], ["whole"]))
+        return (1.0, end) if article and _scale(words, end) else None
     more = fraction_behind(words, reading.end)
     return (reading.number, reading.end) if more is None else (reading.number + more[0], more[1])
 

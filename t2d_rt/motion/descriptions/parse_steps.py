@@ -169,7 +169,7 @@ class Reader:
                 self.loose.append(token.said)
         elif token.kind == "spot":
             self._spot(token.said)
-        elif token.words == "again" and self.clauses[-1].join in ("and", "then"):
+        elif token.words == "again" and self.clauses[-1].join in ("and", "then") and not self._returning():
             self._modifier(replace(token, kind="again"))
         elif token.kind not in ("fixed", "neutral"):
             self._modifier(token)
@@ -302,6 +302,11 @@ class Reader:
         steps = self.clauses[-1].steps
         return bool(steps) and steps[-1].action == "stretch"
 
+    def _returning(self) -> bool:
+        """Whether a direction stands last, so that "again" tells of no repetition: down and up again, twice."""
+        pending = self.clauses[-1].pending
+        return bool(pending) and pending[-1].kind == "direction"
+
     def _last(self) -> ParseStep | None:
         return next((clause.steps[-1] for clause in reversed(self.clauses) if clause.steps), None)
 
@@ -322,7 +327,12 @@ class Reader:
         again = again and clause.join in ("and", "then", ",")
         holder = next((other for other in reversed(self.clauses) if other.steps), clause)
         aside = holder.join in ("while", "after") and holder is not self.clauses[0]
-        if last is None or (again and (aside or last.returns or last.action not in REPEATED)):
+        if again and last is not None and (aside or last.returns or last.action not in REPEATED):
+            self.ignored += [pending.said for pending in clause.pending if pending.kind == "again"]
+            clause.pending = [pending for pending in clause.pending if pending.kind != "again"]
+            self.settle()
+            return
+        if last is None:
             self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return
@@ -347,9 +357,11 @@ class Reader:
             new.repeats = again
             if again and "count" in tells and not {"count", "duration_s"} & last.said.keys():
                 last.said["count"], last.given["count"] = 1, "once"  # jumps, then two more times
-            if again and new.said.keys() >= {"count", "duration_s"} and "duration_s" not in tells:
-                times = int(str(new.said["count"])) / int(str(last.said.get("count", 1)))
-                new.said["duration_s"] = float(str(new.said["duration_s"])) * times
+            counted = again or "count" in last.said
+            if counted and new.said.keys() >= {"count", "duration_s"} and "duration_s" not in tells:
+                before, times = (float(str(said.get("count", 1))) for said in (last.said, new.said))
+                # Of 0 times, which are refused later, nothing follows.
+                new.said["duration_s"] = float(str(new.said["duration_s"])) * times / (before or 1)
             (holder if again else clause).steps.append(new)
 
     def ordered(self) -> list[ParseStep]:

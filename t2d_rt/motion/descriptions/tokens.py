@@ -47,6 +47,8 @@ MORE = "more", "again"
 """What follows a once that repeats what was done before."""
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
 """What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
+IN_ALL = "in total", "in all", "altogether", "overall", "around", "round the"
+"""What follows how often something is done within a time that is said before: for 60 s, 20 times in total."""
 
 PERIODS = "hour", "day", "week", "month", "year", "morning", "afternoon", "evening", "night"
 RATES = "hourly", "daily", "weekly", "nightly"
@@ -433,8 +435,9 @@ def _factor(words: list[str], place: int) -> Reading | None:
     token, after = (words[start:] and _measure(words, start)) or (Token("", ""), start)
     if token.kind != "slot" or words[after - 1] not in (*TIMES, *lexicon().times):
         return None
-    rest = takewhile(lambda word: not _is(word, "join"), words[after:])
-    if start > place and any(word == "for" or _is(word, "action") for word in rest):  # for 5 s, twice he jumps
+    rest = [*takewhile(lambda word: not _is(word, "join"), words[after:])]
+    next_deed = start > place and any(word == "for" or _is(word, "action") for word in rest)  # for 5 s, twice he jumps
+    if next_deed or " ".join(rest).startswith(IN_ALL):
         return None
     return Reading(float(str(token.slots["count"])), token.note != "", after)
 
@@ -528,16 +531,18 @@ def _lasting(words: list[str], place: int, *, alone: bool) -> tuple[Token, int] 
         float(number) * lexicon().seconds[unit],
         "" if unit.startswith("moment") or number < 1 else f"{number:g} {unit}",
     )
-    more = _lasting(words, after + 1 + int(follows == ["and"]), alone=True)
+    start = after + 1 + int(follows == ["and"])
+    more = _lasting(words, start, alone=True)
     more_s = float(str(more[0].slots.get("duration_s", math.inf))) if more is not None else math.inf
-    part = fraction_at(words, after + 2) if follows == ["and"] else None
-    if more is not None and more_s < lexicon().seconds[unit] and len(linked_numbers(words, place)[0]) > 1:
-        return _told(words, place, more[1], {}, kind="reported")  # 45 s to 1 minute 30 s
-    if more is not None and more_s < lexicon().seconds[unit]:  # a minute and ten seconds
-        seconds, after, read = seconds + more_s, more[1] - 1, ""
+    part, vague = fraction_at(words, after + 2) if follows == ["and"] else None, is_vague(words, place)
+    smaller = more_s < lexicon().seconds[unit]
+    if more is not None and len(linked_numbers(words, place if smaller else start)[0]) > 1:
+        return _told(words, place, more[1], {}, kind="reported")  # 45 s to 1 minute 30 s, 1 minute 30 s to 2 minutes
+    if more is not None and smaller:  # a minute and ten seconds
+        seconds, after, read, vague = seconds + more_s, more[1] - 1, "", vague or more[0].note != ""
     elif part is not None:  # a minute and a half
         seconds, after, read = seconds + part[0] * lexicon().seconds[unit], part[1] - 1, ""
-    vague = is_vague(words, place) or unit.startswith("moment")
+    vague = vague or unit.startswith("moment")
     return _told(words, place, after + 1, {"duration_s": seconds}, (read or f"{seconds:g} seconds") if vague else "")
 
 
