@@ -12,13 +12,14 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from t2d_rt.accuracy import Wanted
-from t2d_rt.core.atomic_write import check_place, replacing
+from t2d_rt.core.atomic_write import check_no_folder, check_place, replacing
 from t2d_rt.core.backend import Device, one_blas_thread
 from t2d_rt.core.checks import file_path, instance, shown
 from t2d_rt.core.errors import InputError
@@ -277,7 +278,7 @@ def sweep(
     )  # fmt: skip
     tables = {TABLE: result.table()} | ({PARTS_TABLE: result.parts_table()} if levels else {})
     for name, text in tables.items():
-        with replacing(place / name, lambda: None) as new:
+        with replacing(place / name, partial(check_no_folder, place / name)) as new:
             new.write_text(text, encoding="utf-8")
     return result
 

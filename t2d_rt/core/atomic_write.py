@@ -108,6 +108,12 @@ def check_place(path: Path, *, overwrite: bool) -> None:
     check_taken(path, overwrite=overwrite)
 
 
+def check_no_folder(path: Path) -> None:
+    """Refuses a folder, which a file would take the place of with all that is in it."""
+    if path.is_dir():
+        raise InputError(f"cannot write {path}: it is a folder; choose the name of a file")
+
+
 def check_file(path: Path, noun: str, *endings: str, overwrite: bool) -> None:
     """Refuses a file name that has another ending, exists, or cannot be written; `noun` is "a picture" or the like."""
     if path.suffix.lower() not in endings:

@@ -17,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BeforeValidator, ConfigDict, Field, model_validator
 
-from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.atomic_write import check_no_folder, replacing
 from t2d_rt.core.checks import array, file_path, integer, number, positive, shown, unknown_name
 from t2d_rt.core.constants import BOLTZMANN, REFERENCE_TEMPERATURE_K, SPEED_OF_LIGHT
 from t2d_rt.core.errors import InputError, html_table
@@ -62,16 +62,11 @@ def _preset_folder() -> Path:
     return Path(str(files("t2d_rt"))) / "radar" / "presets"
 
 
-def _check_no_folder(target: Path) -> None:
-    if target.is_dir():
-        raise InputError(f"cannot write {target}: it is a folder; choose the name of a file")
-
-
 def _write(path: str | Path, text: str) -> None:
     """Writes a text file, whole or not at all."""
     target = file_path("path", path).resolve()
-    _check_no_folder(target)
-    with replacing(target, partial(_check_no_folder, target)) as new:
+    check_no_folder(target)
+    with replacing(target, partial(check_no_folder, target)) as new:
         new.write_text(text, encoding="utf-8")
 
 

@@ -421,6 +421,18 @@ def test_a_wrong_index_is_told_by_line(tmp_path: Path, text: str, match: str) ->
     assert not users.registry().exists()
 
 
+def test_an_index_replaces_no_folder_and_what_killed_processes_left_of_it(tmp_path: Path) -> None:
+    clips = folder_of_clips(tmp_path)
+    (tmp_path / "index.csv").write_text("file,class,action\nstroll.bvh,walking,walk\n")
+    with pytest.raises(InputError, match="it is a folder; choose the name of a file"):
+        users.add(clips, tmp_path / "index.csv", library=clips)
+    assert (clips / "stroll.bvh").is_file()
+    library = tmp_path / "library.csv"
+    (tmp_path / ".library.csv.partial-0123abcd" / "new").mkdir(parents=True)
+    users.add(clips, tmp_path / "index.csv", library=library)
+    assert [path.name for path in tmp_path.glob("*library.csv*")] == ["library.csv"]
+
+
 def test_a_clip_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
     poses = piece().poses
     still = replace(poses, root=np.repeat(poses.root[:1], 60, axis=0), local=np.repeat(poses.local[:1], 60, axis=0))

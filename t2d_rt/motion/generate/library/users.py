@@ -7,13 +7,13 @@ import io
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import get_args
 
 import numpy as np
 
-from t2d_rt.core.atomic_write import replacing
+from t2d_rt.core.atomic_write import check_no_folder, replacing, settle
 from t2d_rt.core.checks import file_path, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
@@ -209,7 +209,9 @@ def write(path: Path, table: list[dict[str, str]]) -> None:
     writer = csv.DictWriter(buffer, (*NEEDED, *OPTIONAL, *MEASURED), lineterminator="\n")
     writer.writeheader()
     writer.writerows(table)
-    with replacing(path, lambda: None) as new:
+    check_no_folder(path)
+    settle(path)
+    with replacing(path, partial(check_no_folder, path)) as new:
         new.write_text(buffer.getvalue(), encoding="utf-8")
 
 
