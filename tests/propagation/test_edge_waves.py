@@ -21,7 +21,9 @@ from t2d_rt.propagation.edge_waves import (
     Straight,
     _amplitudes,
     _Beam,
+    _near,
     smooth_step,
+    straight_parts,
 )  # fmt: skip
 from t2d_rt.propagation.images import vertices
 from t2d_rt.propagation.mirrors import Mirrors
@@ -215,6 +217,58 @@ def test_nothing_changes_without_an_outline_near_the_path(backend: Backend) -> N
             assert np.array_equal(one, two)
     options = {"samples_s": samples_s, "backend": backend, "wavelength_m": WAVELENGTH_M}
     assert not Occlusion.alone(Occluders([ball, behind]), SIGHT, **options).visibility(samples_s)[1].any()
+
+
+def corners_of(least_m: np.ndarray, most_m: np.ndarray) -> np.ndarray:
+    """Corners of a box (8, 3)."""
+    return np.array([np.where(corner, most_m, least_m) for corner in np.ndindex(2, 2, 2)])
+
+
+@pytest.mark.parametrize("seed", range(100))
+def test_boxes_told_apart_hold_no_points_near_one_another(seed: int) -> None:
+    """Against all pairs of points, in boxes of all sizes, flat ones and lines too: with the antenna far, inside, at faces, edges
+    and corners, and with one box inside of the other."""
+    rng = np.random.default_rng(seed)
+    antenna_m = rng.normal(size=3) * 10 ** rng.uniform(-2, 3)
+
+    def some_box() -> np.ndarray:
+        size_m = 10 ** rng.uniform(-3, 1, 3) * (rng.random(3) < 0.8)
+        size_m[rng.integers(3)] += 0.001
+        aside_m = (rng.normal(size=3) * 10 ** rng.uniform(-2, 1), rng.choice([-0.5, 0.0, 0.5], 3) * size_m)
+        middle_m = antenna_m + aside_m[rng.integers(2)]
+        return corners_of(middle_m - size_m / 2, middle_m + size_m / 2)
+
+    mine, others = some_box(), some_box()
+    if rng.random() < 0.2:
+        ends_m = others[0] + rng.random((2, 3)) * (others[-1] - others[0])
+        mine = corners_of(ends_m.min(axis=0), ends_m.max(axis=0))
+    part = Straight(antenna_m, np.eye(3), np.zeros(3), None, None)
+    (near,) = _near(part, mine[None], others[None], WAVELENGTH_M)
+    points, hindering = (np.concatenate([box, box[0] + rng.random((150, 3)) * (box[-1] - box[0])]) - antenna_m
+        for box in (mine, others))  # fmt: skip
+    points, hindering = points[norms(points) > 1e-6], hindering[norms(hindering) > SHORTEST_PIECE_M]
+    apart_rad = norms(unit(points)[:, None] - unit(hindering))
+    between = np.maximum(1 / norms(hindering) - 1 / norms(points)[:, None], 0)
+    assert near or not (apart_rad < NO_WAVE_V * np.sqrt(WAVELENGTH_M / 2 * between)).any()
+
+
+def test_boxes_beside_one_another_are_told_apart() -> None:
+    part = straight_parts(SIGHT)[0]
+    ball, beside, behind, beyond = (
+        corners_of(HERE + middle - 0.1, HERE + middle + 0.1)
+        for middle in np.array([[3, 0, 0], [1.5, 1, 0], [-1.5, 0, 0], [6, 0, 0]])
+    )
+    assert _near(part, np.stack(3 * [ball]), np.stack([beside, behind, beyond]), WAVELENGTH_M).tolist() == 3 * [False]
+    assert _near(part, beyond[None], ball[None], WAVELENGTH_M).all()
+
+
+def test_a_wide_plate_reaches_farther_between_its_corners_than_these() -> None:
+    """Its directions lie 0.2 beyond those of the corners, where the plate hides the target over the middle of an edge."""
+    plate_m = corners_of(HERE + [3.0, -10, -10], HERE + [3.01, 10, 10])
+    aside = HERE + 30 * np.array([np.cos(np.radians(71)), np.sin(np.radians(71)), 0])
+    assert _near(
+        straight_parts(SIGHT)[0], corners_of(aside - 0.1, aside + 0.1)[None], plate_m[None], WAVELENGTH_M
+    ).all()
 
 
 def test_edges_inside_of_a_mesh_alone_leave_points_behind_it_dark(backend: Backend) -> None:

@@ -12,15 +12,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import t2d_rt as t2d
-from builders import icosphere, moving, slow_after, static_mesh, walk
+from builders import icosphere, moving, plate, slow_after, static_mesh, walk
 from t2d_rt.body.template import template
-from t2d_rt.core.backend import Backend
+from t2d_rt.core.backend import Backend, select
 from t2d_rt.core.errors import T2DWarning
 from t2d_rt.core.memory import SAMPLE_BYTES, VISIBILITY_BYTES
 from t2d_rt.geometry import SubdividedMesh
+from t2d_rt.propagation.mirrors import Mirrors
 from t2d_rt.propagation.occluders import Occluders, PosedOccluders
+from t2d_rt.propagation.paths import find_paths
 from t2d_rt.propagation.visibility import OccluderScene, Occlusion, Viewpoints, _Chunk, sample_times, viewpoints_at
-from t2d_rt.types import MovingMesh
+from t2d_rt.types import MovingMesh, Scene
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
 HERE = np.array([0.0, 0.0, 1.0])
@@ -524,6 +526,23 @@ def test_paths_that_run_alike_are_traced_once(backend: Backend, monkeypatch: pyt
     assert traced == [wall, aside]
     np.testing.assert_allclose(second, 0.5 * first, rtol=1e-6)
     assert np.mean(first != third) > 0.1
+
+
+def test_paths_over_the_same_planes_in_another_order_run_otherwise() -> None:
+    walls = [
+        plate("left", [(-2, 2, -1), (12, 2, -1), (12, 2, 4), (-2, 2, 4)]),
+        plate("front", [(6, -5, -1), (6, 5, -1), (6, 5, 4), (6, -5, 4)]),
+    ]
+    mirrors = Mirrors.of(Scene(name="corner", surfaces=tuple(walls)), select("cpu"))
+    probes_m = np.array([[x, y, 1.0] for x in (1.0, 3.0, 5.0) for y in (-4.0, 0.0, 1.5)])
+    paths = find_paths(mirrors, HERE, np.array([0.0, 0.0, 1.0]), 77e9, order=2, probes_m=probes_m).paths
+    by_chain = {path.chain: path.course for path in paths}
+    assert {("left", "front"), ("front", "left"), ("left",), ("front",), ()} <= by_chain.keys()
+    assert len(set(by_chain.values())) == len(by_chain)
+    (path,) = (path for path in paths if path.chain == ("left",))
+    through = replace(path.elements, through=np.array([True]))
+    elsewhere = replace(path, antenna_m=path.antenna_m + [0, 0, 1e-9])
+    assert len({path.course, replace(path, elements=through).course, elsewhere.course}) == 3
 
 
 def test_many_viewpoints_are_traced_at_fewer_instants_at_once(walker: MovingMesh, backend: Backend) -> None:
