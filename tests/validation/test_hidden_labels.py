@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 pytest.importorskip("sklearn", reason="scikit-learn is not installed (extra [learn])")
 
+from t2d_rt.core.errors import InputError
 from t2d_rt.learn.maps import LabelledMaps
 from validation.datasets.hidden_labels import accuracy, directionless, interval, mirrored
 
@@ -30,6 +33,8 @@ def test_mirrored_maps_have_the_same_speeds() -> None:
     found = mirrored(maps)
     assert found.velocity_mps.tolist() == maps.velocity_mps.tolist()
     assert found.levels[0, :, 0].tolist() == [-9.0, -6.0, -3.0, 0.0]
+    with pytest.raises(InputError, match="make the data set again"):
+        mirrored(replace(maps, velocity_mps=speeds + 0.5))
 
 
 def test_what_direction_tells_is_gone_without_it_and_what_travel_tells_stays() -> None:
