@@ -64,7 +64,7 @@ def test_the_map_of_a_mirrored_spectrum_is_the_mirrored_map(greatest_mps: float 
     opposite[1 - cells % 2 :] = power[1 - cells % 2 :][::-1]
     product = SpectrogramProduct(size=(64, 8), speed_mps=greatest_mps)
     (levels, told), (mirrored, _) = (
-        product.made(SpectrogramPower(each, velocity_mps, np.arange(16.0))) for each in (power, opposite)
+        product.made(SpectrogramPower(spectrum, velocity_mps, np.arange(16.0))) for spectrum in (power, opposite)
     )
     np.testing.assert_allclose(mirrored, levels[::-1], atol=0.02)  # a step of float16
     low, high = told["velocity_mps"]
