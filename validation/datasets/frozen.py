@@ -29,7 +29,8 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "benchmark.md"
 BEGIN, END = "<!-- table -->", "<!-- end of the table -->"
 HEAD = "| model | train / val / test | accuracy | macro-F1 | accuracy by condition |\n|---|---|---|---|---|"
 OPTIONS = TrainOptions(epochs=24, batch=32, schedule="cosine", precision="bfloat16")
-"""Of networks: the protocol of Table III with 6400 samples, of which some 1200 maps take as many steps in twice the epochs; chosen for no score."""
+"""Of networks: the protocol of Table III with 6400 samples, in twice the epochs, since there are half as many maps; chosen for no
+score."""
 NETWORKS = ("streaming", "vgg-7")
 SEEDS = (0, 1)
 QUICK = 8
