@@ -103,8 +103,7 @@ def simulate(
     bounces: greatest number of bounces off targets, in addition to the scene's reflections: 1 is an ordinary echo; 2 adds echoes
         between two limbs, between a body and a thing that it carries, or between two bodies; 3 adds those of corners. They are
         traced by ray tubes, on the direct path only, between meshes that do not rotate fast. Walls do not block the path from one
-        target to another, and polarisation is preserved as if every fold were vertical. With 2, a walk takes some twenty times as
-        long.
+        target to another, and polarisation is preserved as if every fold were vertical. With 2, a walk takes some 20 times as long.
     clutter: echoes of the static scene, occluded by the targets: "specular" (up to 3 reflections), "diffuse" or "none".
     collisions: treatment of targets that go through walls or furniture, or are outside the room: "warn" of them, "stop" the record
         just before, or "ignore" them. The same holds for a radar outside the room, unless there are `transmissions`.
@@ -115,8 +114,7 @@ def simulate(
     body: the body template that motions are skinned with.
     material: material of all targets except movers and things that are carried; by default a body is "skin" and a mesh keeps its
         own. Bodies may wear an `Outfit`: "dressed" has shoes on the feet and cloth on all but head and hands, "coat" thicker cloth.
-    phase_from: point of an ellipsoid at which its phase is taken: the "specular" point, or the "centre" as in the Text2Doppler
-        paper.
+    phase_from: point of an ellipsoid at which its phase is taken: the "specular" point, or the "centre" as in Text2Doppler.
     only_paths: names of the path pairs to the targets that have echoes, as `Recording.paths` lists them; all by default. In a name
         * stands for any characters: ["direct", "ceiling*"]. How finely a pair is modelled does not depend on the choice, so that
         recordings of parts add up to that of the whole; clutter and noise are in each of them.

@@ -216,9 +216,8 @@ def sweep(
 
     experiment: an `Experiment`, a mapping of fields, or a recording, whose accuracy holds unless a tolerance is given or varied.
     vary: values by the names of fields, as in {"targets.1.rpm": [0, 300], "radar.prf_hz": [4000, 8000]}; the field that is named
-        last changes fastest. A whole target may be varied, and is left out where its value is None. In addition to fields of the
-        experiment, `tolerance_db`, the fields of `accuracy`, and options of the spectrogram (`signal.n_window` and others) may be
-        varied; experiments that differ only in the latter are simulated once.
+        last changes fastest. A whole target may be varied, and is left out where its value is None. So may `tolerance_db`, fields
+        of `accuracy`, and options of the spectrogram (`signal.n_window`); what differs only in the latter is simulated once.
     folder: where the recordings are stored as they are made, and the table (table.csv); created if it does not exist. A sweep that
         was stopped continues. A folder that holds anything else, or recordings of other experiments or versions, is refused.
     accuracy, tolerance_db, device: as in `simulate`.

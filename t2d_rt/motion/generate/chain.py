@@ -65,7 +65,7 @@ class Piece:
         return replace(self, poses=replace(self.poses, **changes))  # type: ignore[arg-type]
 
     def noted(self, *notes: str) -> Piece:
-        """With more notes."""
+        """The same piece with further notes."""
         return replace(self, notes=(*self.notes, *notes))
 
 
