@@ -1,4 +1,4 @@
-"""What is asked for and who carries it: values that `carry` and `wheelchair` share."""
+"""Values that `carry` and `wheelchair` share: the things that are asked for, the person who carries them, and their places."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ SIGN = {"left": 1.0, "right": -1.0}
 OTHER = {"left": "right", "right": "left"}
 
 GRIP = 0.045
-"""From the wrist to the middle of the grip, over stature: half of the hand's bone, which ends at 0.09."""
+"""Distance from the wrist to the middle of the grip, over stature: half the length of the hand's bone, 0.09."""
 HEADING_HZ = 0.5
-"""Cut-off of the direction that a person walks in: the pelvis turns to and fro once a stride."""
+"""Cut-off frequency that smooths the direction of walking: the pelvis turns to and fro once in a stride."""
 SHORT_M = 0.01
-"""How far a hand may stay from its grip, and a foot from its rest [m]."""
+"""Greatest distance by which a hand may miss its grip, a foot its footrest and a thing its place [m]."""
 HANGS_AHEAD = 0.05
-"""How far ahead of the shoulder the wrist of an arm hangs, over how far below."""
+"""How far ahead of the shoulder the wrist of a hanging arm is, over how far below the shoulder it is."""
 OWN_SWING = 0.4
-"""Part of the swing of a free arm that one keeps which holds a bag or a cane."""
+"""Part of its swing that an arm keeps while it holds a bag or a cane."""
 
 SIZES_M: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "bag": ("length, width and height, below a handle of 12 cm", (0.35, 0.12, 0.30)),
@@ -44,7 +44,7 @@ SIZES_M: Mapping[str, tuple[str, tuple[float, ...]]] = {
     "walker": ("width, and height if it is not fitted to the arms", (0.56,)),
     "wheelchair": ("width, and height of the seat if it is not fitted to the arms", (0.62,)),
 }
-"""Dimensions of things: their meaning, and what they are by default [m]."""
+"""The meaning of the dimensions of things, and their defaults [m]."""
 RANGES_M: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "bag": ((0.05, 0.02, 0.05), (0.8, 0.4, 1.0)),
     "ball": ((0.02,), (0.3,)),
@@ -55,7 +55,7 @@ RANGES_M: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
     "walker": ((0.4, 0.4), (0.9, 1.2)),
     "wheelchair": ((0.5, 0.4), (0.8, 0.6)),
 }
-"""Least and greatest dimensions of things, those that are fitted included [m]."""
+"""Least and greatest dimensions of things [m], including those that are fitted."""
 MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric"} | dict.fromkeys(
     ("cane", "crutch", "walker", "wheelchair"), "metal"
 )
@@ -65,11 +65,11 @@ ONE_HANDED = "bag", "ball", "cane", "crutch"
 FITTED = "cane", "crutch", "walker", "wheelchair"
 """Things whose last dimension is fitted to the person unless it is given."""
 PAIRS = {"crutches": "crutch"}
-"""Things that come by two, one for each hand."""
+"""Things that come in pairs, one for each hand."""
 
 
 def fields_of(entry: Any) -> dict[str, Any]:
-    """Fields of a text such as "bag in the left hand", or of a mapping {thing: bag, hand: left, size_m: [...], material: ...}."""
+    """The fields that a text such as "bag in the left hand" or a mapping {thing: bag, hand: left, size_m: [...]} gives."""
     if isinstance(entry, str):
         match = SAYING.fullmatch(entry.strip())
         if match is None:
@@ -84,19 +84,19 @@ def fields_of(entry: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Wish:
-    """A thing as it is asked for."""
+    """A thing that a person is asked to carry."""
 
     thing: str
     side: str | None
-    """Of the hand that carries it; None where any does."""
+    """Side of the hand that carries it; None if that is left open."""
     size_m: tuple[float, ...]
     material: str | Material
     paired: bool = False
-    """Whether it is one of two of one size."""
+    """Whether it is one of a pair, whose two things have the same size."""
 
     @classmethod
     def of(cls, fields: Mapping[str, Any]) -> Wish:
-        """From its fields: thing, hand, size_m and material."""
+        """The wish that the fields thing, hand, size_m and material describe; raises an InputError if one is wrong."""
         for name in fields:
             if name not in (field_names := ("thing", "hand", "size_m", "material")):
                 raise InputError(f"unknown field {shown(name)} of a thing; {names_advice(name, field_names)}")
@@ -123,7 +123,7 @@ class Wish:
 
 
 def wishes_of(entry: Any) -> list[Wish]:
-    """The thing of an entry, or the two of a pair."""
+    """The thing that an entry describes, or the two things of a pair; raises an InputError if the entry is wrong."""
     fields = fields_of(entry)
     thing = fields["thing"]
     if not isinstance(thing, str) or thing not in PAIRS:
@@ -135,15 +135,15 @@ def wishes_of(entry: Any) -> list[Wish]:
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """Who carries: positions (T, 3) [m] by joint, and directions."""
+    """The person who carries: poses, positions (T, 3) [m] by joint, and directions."""
 
     poses: Poses
     points: dict[str, np.ndarray]
     stature_m: float
     heading: np.ndarray
-    """Level direction of walking, quaternions (T, 4)."""
+    """Level direction that the person faces, smoothed, as quaternions (T, 4); in a wheelchair it is that of the chair."""
     chest: np.ndarray
-    """Orientation of the upper spine, (T, 4), rigid in the motion's own."""
+    """Orientation (T, 4) of the upper spine: that of the motion, turned by one constant rotation to the skeleton's axes."""
 
     @classmethod
     def of(cls, motion: Motion) -> Person:
@@ -157,16 +157,16 @@ class Person:
         return cls(poses, points, stature_m(points), quaternions.about_axis(Z, slow), chest)
 
     def ahead(self, vector: Sequence[float] | np.ndarray) -> np.ndarray:
-        """A direction (3,) of the heading's frame at every instant, (T, 3)."""
+        """A vector (3,) of the heading's frame, turned into the world at every instant: (T, 3)."""
         return quaternions.rotate(self.heading, np.asarray(vector, float))
 
     def arm_m(self, side: str) -> tuple[float, float]:
-        """Lengths of upper arm and forearm [m]."""
+        """Lengths of the upper arm and of the forearm [m]."""
         return self.poses.skeleton.bone_m(f"{side}_elbow"), self.poses.skeleton.bone_m(f"{side}_wrist")
 
     def hanging(self, side: str, bend_rad: float, out_m: float) -> np.ndarray:
-        """Wrist (T, 3) [m] of an arm that hangs, its elbow bent, `out_m` outside the shoulder, and swings by `OWN_SWING` of what it
-        did."""
+        """Positions (T, 3) [m] of the wrist of an arm that hangs with a bent elbow, `out_m` outside the shoulder, and keeps the
+        part `OWN_SWING` of its own swing."""
         first, second = self.arm_m(side)
         shoulder = self.points[f"{side}_shoulder"]
         swing = unit(self.points[f"{side}_wrist"] - shoulder)
@@ -180,36 +180,36 @@ class Grip:
     """Where a hand holds a thing, in the thing's frame."""
 
     at: np.ndarray
-    """Middle of the grip [m], (3,)."""
+    """Position (3,) [m] of the middle of the grip."""
     axes: np.ndarray
-    """The hand's orientation, (4,): fingers along y of a left and -y of a right one, back of the hand towards z."""
+    """Orientation (4,) of the hand: fingers point along y of a left hand and along -y of a right one, its back faces z."""
     elbow: tuple[float, float, float]
-    """Where the elbow points: ahead, out to its own side and up, in the heading's frame."""
+    """Direction in which the elbow points, in the heading's frame: ahead, out to its own side, and up."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a thing is."""
+    """The place of a thing at every instant."""
 
     origin: np.ndarray
-    """Its origin [m], (T, 3)."""
+    """Positions (T, 3) [m] of its origin."""
     axes: np.ndarray
-    """Its orientation, (T, 4)."""
+    """Orientations (T, 4) of the thing."""
     joint: str
-    """Joint that it is rigid with, once the arms are posed."""
+    """The joint that it moves rigidly with once the arms are posed."""
     size_m: tuple[float, ...]
     grips: Mapping[str, Grip]
-    """What each hand grips, by its side."""
+    """The grip of each hand that holds it, by side."""
     lowest_m: np.ndarray
-    """Height of its lowest point over the floor [m], (T,)."""
+    """Heights (T,) [m] of its lowest point over the floor."""
 
 
 def hanging_hand(side: str, raised_rad: float = 0.0) -> np.ndarray:
-    """Orientation (4,) of a hand whose back faces out and whose fingers point down, or forward by an angle."""
+    """Orientation (4,) of a hand whose back faces out and whose fingers point down, raised forward from there by an angle."""
     down = quaternions.about_axis(X, np.array(-SIGN[side] * np.pi / 2))
     return quaternions.multiply(quaternions.about_axis(Y, np.array(-raised_rad)), down)
 
 
 def path_of(person: Person, cutoff_hz: float = HEADING_HZ) -> np.ndarray:
-    """Where what rolls on the floor is, below the pelvis, (T, 3) [m]: the pelvis's way without its sway."""
+    """Track (T, 3) [m] on the floor of something that rolls: the pelvis's horizontal track, low-passed to remove its sway."""
     return low_pass(person.points["pelvis"], cutoff_hz, person.poses.rate_hz) * [1.0, 1.0, 0.0]

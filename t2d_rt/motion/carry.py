@@ -1,6 +1,6 @@
-"""`carry`: a person who carries things; the arms that hold them are posed, and each thing is rigid in the frame of one joint.
+"""`carry` makes a person carry things: the arms that hold them are posed, and each thing is rigid in the frame of one joint.
 
-Where a thing goes is found first, its frame at every instant, x forward, y left and z up; then the arms reach for its grips.
+The frame of a thing (x forward, y left, z up) is found first at every instant; then the arms reach for its grips.
 """
 
 from __future__ import annotations
@@ -41,19 +41,19 @@ from t2d_rt.types.carried import HANDLE_M, Carried
 from t2d_rt.types.motion import Motion, checked_motion
 
 PALM_M = 0.02
-"""From the hand's bone to what its palm lies against [m]."""
+"""Distance from the hand's bone to what its palm lies against [m]."""
 WALKING_MPS = 2.2
 """Speed above which nobody walks with a cane, crutches or a walking frame [m/s]; people change from walking to running near 2."""
 SUNK_M = 0.02
-"""How far the bottom of a thing may be below the floor [m]."""
+"""How far the bottom of a thing may be below the floor, and the tip of a cane at its lowest above it [m]."""
 FLOOR_M = 0.1
-"""Greatest height of the lowest sole of a person who stands on the floor at z = 0 [m]."""
+"""Greatest distance from z = 0 of the lowest sole of a person who stands on the floor [m]."""
 
 STRAIGHT = 0.985, 0.998
-"""Length of an arm over that of its bones up to which a cane's tip stays on the floor, and at most."""
+"""Length of an arm, over that of its bones, up to which a cane's tip stays on the floor, and its greatest length."""
 BAG_BEND_RAD, CANE_BEND_RAD = 0.15, 0.6
-"""Bend of the elbow that carries a bag, and of one that leans on an upright cane, to which the cane is fitted; the arm straightens
-as the cane leans."""
+"""Bend of the elbow of an arm that carries a bag, and of one that leans on an upright cane, to which the cane is fitted; the arm
+straightens as the cane leans."""
 CANE_AHEAD = 0.04
 """How far ahead of the middle of the other foot a cane stands, over stature."""
 CANE_LIFT_M = 0.04
@@ -63,7 +63,7 @@ SWING_S = 0.3
 
 
 def _corner_m(origin: np.ndarray, axes: np.ndarray, size_m: tuple[float, ...]) -> np.ndarray:
-    """Height (T,) of the lowest corner of a block about its origin [m]."""
+    """Heights (T,) [m] of the lowest corner of a block that is centred at its origin (T, 3)."""
     return origin[:, 2] - 0.5 * np.abs(quaternions.rotate(axes[:, None], np.diag(size_m))[..., 2]).sum(axis=1)
 
 
@@ -77,7 +77,7 @@ def _bag(person: Person, wish: Wish, side: str) -> Place:
 
 
 def _ball(person: Person, wish: Wish, side: str) -> Place:
-    """A ball on the palm of an arm that moves as it did."""
+    """A ball on the palm of an arm that moves as before."""
     joints, turned = person.poses.world()
     wrist = INDEX[f"{side}_wrist"]
     palm = np.array([0.0, SIGN[side] * GRIP * person.stature_m, -PALM_M - wish.size_m[0]])
@@ -110,30 +110,31 @@ def _backpack(person: Person, wish: Wish, _: str) -> Place:
 
 
 BOX_GRIP, BELLY, BACK = 0.13, 0.105, 0.085
-"""From the axis of the upper spine to the grips of a box, to the box and to what lies against the back, over stature: fronts of the
-templates' trunks lie 0.06 to 0.10 of it ahead."""
+"""Distances from the axis of the upper spine to the grips of a box, to the box and to what lies against the back, over stature; the
+fronts of the templates' trunks are at 0.06 to 0.10."""
 BOX_LOW, BACKPACK_LOW, BOX_GRIP_LOW = 0.14, 0.06, 0.2
-"""Middles of a box and of a backpack below the upper spine's joint, over stature, and grips below the middle of a box over its
-height; by eye."""
+"""Depths of the middles of a box and of a backpack below the upper spine's joint, over stature, and of grips below the middle of a
+box, over its height; chosen by eye."""
 
 
 def _to_grip(person: Person, side: str) -> np.ndarray:
-    """From the wrist to the grip [m], (3,), in the frame of an upright cane."""
+    """Vector (3,) [m] from the wrist to the grip, in the frame of an upright cane."""
     return quaternions.rotate(hanging_hand(side, STICK_HAND_RAD), SIGN[side] * GRIP * person.stature_m * Y)
 
 
 @dataclass(frozen=True, slots=True)
 class _Stick:
-    """A cane or crutch of one length in a hand, and how far its arm reaches."""
+    """A cane or crutch of a given length in one hand of a person."""
 
     person: Person
     side: str
     grip_at: np.ndarray
-    """Where its grip would be in an arm that hangs [m], (T, 3)."""
+    """Positions (T, 3) [m] that its grip would have in a hanging arm."""
     length_m: float
 
     def held(self, tip: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Grip (T, 3), axes (T, 4) and whether the arm reaches (T,), for places of the tip (T, 3), which else rises."""
+        """Positions (T, 3) [m] of the grip, axes (T, 4) and whether the arm reaches (T,), for places (T, 3) of the tip, which rises
+        where it does not."""
         shoulder, arm_m = self.person.points[f"{self.side}_shoulder"], sum(self.person.arm_m(self.side))
         up = unit(self.grip_at - tip)
         axes = quaternions.multiply(quaternions.between(np.broadcast_to(Z, up.shape), up), self.person.heading)
@@ -141,7 +142,7 @@ class _Stick:
         span = tip + self.length_m * up - hand_at - shoulder
         far = norms(span) / arm_m - STRAIGHT[0]
         room = STRAIGHT[1] - STRAIGHT[0]
-        stretch = STRAIGHT[0] + np.where(far > 0, room * np.tanh(far / room), far)  # two derivatives go on
+        stretch = STRAIGHT[0] + np.where(far > 0, room * np.tanh(far / room), far)  # C2 at far = 0
         return shoulder + arm_m * stretch[:, None] * unit(span) + hand_at, axes, far <= 0
 
 
@@ -160,8 +161,8 @@ def _cane(person: Person, wish: Wish, side: str) -> Place:
 
 
 BAG_OUT, BAG_OUT_WIDTHS, CANE_OUT, STICK_HAND_RAD = 0.025, 0.15, 0.04, np.pi / 4
-"""How far outside the shoulder a wrist is with a bag, over stature and over the bag's width, and with a cane, over stature; how far
-forward of straight down the fingers on a cane point. By eye: clear of the leg."""
+"""Distance of the wrist outside the shoulder with a bag, the sum of a part of the stature and a part of the bag's width, and with a
+cane, over stature; angle by which fingers on a cane point forward from straight down. Chosen by eye to clear the leg."""
 
 
 def _stepping(stick: _Stick) -> np.ndarray:
@@ -204,7 +205,7 @@ def _walker(person: Person, wish: Wish, _: str) -> Place:
     out_m, low_m, hands = wish.size_m[0] / 2 - WALKER_GRIP_M, [], {}
     for side in SIDES:
         hands[side] = hanging_hand(side, np.pi / 3)
-        wrist = -GRIP * tall * quaternions.rotate(hands[side], SIGN[side] * Y)  # from the grip
+        wrist = -GRIP * tall * quaternions.rotate(hands[side], SIGN[side] * Y)  # vector from the grip to the wrist
         span = person.points[f"{side}_shoulder"] - origin - person.ahead(wrist + [0.0, SIGN[side] * out_m, 0.0])
         level2 = (span[:, :2] ** 2).sum(axis=1)
         low_m.append(span[:, 2] - np.sqrt(np.maximum((STRAIGHT[0] * sum(person.arm_m(side))) ** 2 - level2, 0.0)))
@@ -216,7 +217,7 @@ def _walker(person: Person, wish: Wish, _: str) -> Place:
 
 
 WALKER_AHEAD, WALKER_GRIP_M = 0.09, 0.05
-"""Grips before the shoulders, over stature, and within the frame's outer width [m]; they are as low as the arms always reach."""
+"""Distance of grips ahead of the shoulders, over stature, and inside the frame's width [m]; they are as low as arms can reach."""
 
 
 PLACES: Mapping[str, Callable[[Person, Wish, str], Place]] = {
@@ -227,7 +228,7 @@ HANDS_OF = {"box": 2, "backpack": 0, "walker": 2, "wheelchair": 2}
 
 
 def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mapping[str, Any]]) -> Motion:
-    """The motion of a person who carries things; the arms that hold them are posed anew, in a wheelchair the whole body.
+    """The motion of a person who carries things; the arms that hold them are posed anew, and in a wheelchair the whole body.
 
     things: what is carried, one or a list: "bag", "ball", "box", "backpack", "cane", "crutch", "crutches", "walker", "wheelchair".
         A bag, a ball, a cane and a crutch may be "in the left hand" or "in the right hand", by default in the right one if it is
@@ -238,7 +239,7 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
     it, a ball lies in a hand that moves as it did, and the tip of a cane or a crutch stands on the floor while the foot of the
     other side does. A walker is pushed before the person at even speed. In a wheelchair the person sits, goes the way of the
     motion, which must be a forward walk or run, and pushes the rims of the wheels; `activities` are then not known.
-    Later edits take the things along. The floor is z = 0.
+    Later edits take the things along. The floor is z = 0. Raises an InputError that says why something cannot be carried.
     """
     checked_motion(motion)
     entries = [things] if isinstance(things, (str, Mapping)) else things
@@ -294,9 +295,9 @@ def carry(motion: Motion, things: str | Mapping[str, Any] | Sequence[str | Mappi
 
 
 def _sides(wishes: Sequence[Wish]) -> list[str]:
-    """The hand of each thing, "" of one that needs none or both."""
+    """The side of the hand for each thing, "" for one that needs both hands or none; raises an InputError if hands are full."""
     free, assigned = ["right", "left"], []
-    for wish in sorted(wishes, key=lambda thing: thing.side is None):  # those that are told first
+    for wish in sorted(wishes, key=lambda thing: thing.side is None):  # those whose hand is given come first
         hands = HANDS_OF.get(wish.thing, 1)
         side = "" if hands != 1 else wish.side or next(iter(free), "")
         needed = free[:hands] if hands != 1 else [side]
@@ -311,7 +312,7 @@ def _sides(wishes: Sequence[Wish]) -> list[str]:
 
 
 def _refuse_legs_in(place: Place, motion: Motion) -> None:
-    """Refuses a box that a thigh goes through, as of who sits or bends down."""
+    """Raises an InputError for a box that a thigh goes through, as when the person sits or bends down."""
     half_m, back = 0.5 * np.array(place.size_m), quaternions.conjugate(place.axes)
     for side in SIDES:
         hip, knee = (motion.joints[:, motion.index(f"{side}_{name}")] for name in ("hip", "knee"))
@@ -326,11 +327,11 @@ def _refuse_legs_in(place: Place, motion: Motion) -> None:
 
 
 THIGH_M = 0.05
-"""From the axis of a thigh to its front, at least [m]."""
+"""Least distance from the axis of a thigh to its front [m]."""
 
 
 def _holding(motion: Motion, person: Person, grips: Mapping[str, tuple[Place, Grip]]) -> Motion:
-    """The motion with arms that hold grips."""
+    """The motion with arms posed so that the hands hold their grips."""
     joints, rotations, poses = motion.joints.copy(), motion.rotations.copy(), person.poses
     before, turned = poses.world()
     for side, (place, grip) in grips.items():
@@ -358,7 +359,7 @@ def _holding(motion: Motion, person: Person, grips: Mapping[str, tuple[Place, Gr
 
 
 def _attached(motion: Motion, wish: Wish, place: Place) -> Carried:
-    """The thing in the frame of its joint; refuses one that the hands do not keep hold of."""
+    """The thing in the frame of its joint; raises an InputError if the hands or the joint do not keep hold of it."""
     k = motion.index(place.joint)
     back = quaternions.conjugate(motion.rotations[0, k])
     local = quaternions.rotate(back, place.origin[0] - motion.joints[0, k])

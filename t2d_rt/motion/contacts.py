@@ -1,4 +1,4 @@
-"""When feet stand, and how to keep them standing: contacts of heel and ball, and legs that follow them by inverse kinematics."""
+"""Find the contacts of heels and balls with the floor, and keep standing feet in place by inverse kinematics of the legs."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ LIMBS: dict[Limb, tuple[str, str, str]] = {
 }
 
 STRETCH = 0.9995
-"""Greatest length of a limb over that of its bones: at 1 the joint in its middle would have no direction to bend in."""
+"""Greatest distance between a limb's ends, over the length of its bones: at 1 its middle joint has no direction to bend in."""
 
 FOLD = 0.25
-"""Least length of a limb over that of its bones: heel to buttock, hand to shoulder."""
+"""Least distance between a limb's ends, over the length of its bones: the heel is at the buttock, the hand at the shoulder."""
 
 
 def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | None = None) -> tuple[Poses, np.ndarray]:
-    """Poses whose ankle or wrist is at `targets` (T, 3) [m], and the distance (T,) [m] by which it stays short of them.
+    """Poses whose ankle or wrist is at `targets` (T, 3) [m], and the distance (T,) [m] by which it misses them.
 
-    pole: direction (T, 3) or (3,) in which knee or elbow points; by default where it points now. Ankle and wrist keep their
-        orientation in space. Law of cosines in the plane of target and pole.
+    pole: direction (T, 3) or (3,) in which the knee or elbow points; by default the present one. The ankle or wrist keeps its
+        orientation in space. The law of cosines in the plane of target and pole gives the knee or elbow.
     """
     joints, rotations = poses.world()
     upper, middle, end = (INDEX[name] for name in LIMBS[limb])
@@ -46,14 +46,14 @@ def reach(poses: Poses, limb: Limb, targets: np.ndarray, *, pole: np.ndarray | N
     distance = np.linalg.norm(span, axis=-1)
     length = np.clip(distance, FOLD * (first + second), STRETCH * (first + second))
     axis = span / np.maximum(distance, 1e-9)[:, None]
-    # The side to bend to is found about the limb as it is and carried with it: about its new axis a nearly straight limb that turns
-    # far would change sides. A given pole is seen along the new axis.
+    # The side to bend to is found about the limb's present axis and turned with it: about the new axis, a nearly straight limb that
+    # turns far would change sides. A given pole is projected along the new axis.
     now = axis if pole is not None else unit(joints[:, end] - start)
     aside = joints[:, middle] - start if pole is None else np.broadcast_to(pole, span.shape)
     square = aside - (aside * now).sum(-1, keepdims=True) * now
     size = np.linalg.norm(square, axis=-1, keepdims=True)
-    # A straight limb shows no side to bend to: the knee's own forward axis does, the elbow's backward one. A recorded knee that is
-    # bent the wrong way is noise of a straight one.
+    # A straight limb shows no side to bend to: the forward axis of the thigh and the backward axis of the upper arm do. A recorded
+    # knee that is bent the wrong way is a straight one with noise.
     spare = quaternions.rotate(rotations[:, upper], np.array([1.0 if limb.endswith("leg") else -1.0, 0.0, 0.0]))
     spare = unit(spare - (spare * now).sum(-1, keepdims=True) * now)
     aside_of = size / (first + second)
@@ -81,33 +81,32 @@ def _swing(bone: np.ndarray, new_bone: np.ndarray, rotation: np.ndarray) -> np.n
     return quaternions.multiply(quaternions.between(bone, new_bone), rotation)
 
 
-# --- when feet stand, and how to keep them standing: contacts of heel and ball, and legs that follow them by inverse
-# kinematics ---
+# --- contacts of heel and ball with the floor, and legs that keep standing feet in place by inverse kinematics ---
 
 
 SIDES = "left", "right"
 
 CONTACT_HEIGHT = 0.025
-"""Height of heel or ball over where it stands, over stature's proxy (twice the leg), up to which it may be in contact."""
+"""Height above its 5th percentile up to which a heel or ball may be in contact, over twice the leg (a proxy of the stature)."""
 
 CONTACT_SPEED_MPS = 0.2
 """Horizontal speed of heel or ball up to which it is in contact; a planted foot of a recorded walk moves at 0.02 to 0.2 m/s, a
 swinging one at 2 m/s and more."""
 
 LEAVING_MPS = 0.45
-"""Speed up to which one that was in contact still is, or is about to be: a swinging foot reaches it within 0.05 s."""
+"""Horizontal speed up to which the frames before and after a contact belong to it; a swinging foot reaches it within 0.05 s."""
 
 TWIST_S, TWIST_MPS = 0.1, 0.7
-"""Longest time in which a low foot is faster than that, and how fast, and still does not leave: walkers twist it over its ball in
-pushing off, at 0.45 to 0.6 m/s, and rest on its toe after it. Dancers who swivel a foot to another place reach 2 m/s, and a swing
+"""Longest time for which a low foot in contact may be faster than that, and its greatest speed then: walkers twist it over its ball
+in pushing off, at 0.45 to 0.6 m/s, and then rest on its toe. Dancers who swivel a foot to another place reach 2 m/s, and a swing
 near the floor lasts 0.3 s and more."""
 
 FADE_S = 0.15
-"""Time in which a foot that leaves the ground, or comes down, passes from one correction to the next one's slope."""
+"""Time within which the slope of a foot's correction dies out after the foot leaves the ground, and builds up before it lands."""
 
 SUPPORT = 0.996
-"""Greatest length of a leg that follows a track, over that of its bones: of a straighter one the knee would move by 20 times what
-the ankle does."""
+"""Greatest length of a leg that follows a track, over that of its bones: the knee of a straighter one would move 20 times as far as
+its ankle."""
 
 LEAP_S = 0.1
 """Shortest time between two contacts of a foot; hops take 0.2 s and more."""
@@ -116,11 +115,11 @@ RAISED_RAD = 0.35
 """Greatest angle by which a heel is raised for a leg that is too short for its step."""
 
 GIVE = 0.004
-"""Depth over twice the leg to which heel, ball and toe may sink below where they stand: shoe and flesh."""
+"""Depth, over twice the leg, to which heel, ball and toe may sink below the floor, because shoe and flesh are soft."""
 
 SHORTEST_CONTACT_S = 0.06
 LONGEST_GAP_S = 0.04
-"""Contacts shorter than this are none, and gaps shorter than this are filled: noise of the detection."""
+"""Contacts shorter than the first are dropped, and gaps up to the second are filled, as noise of the detection."""
 
 
 def soles(poses: Poses) -> np.ndarray:
@@ -140,7 +139,7 @@ def soles(poses: Poses) -> np.ndarray:
 
 
 def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarray:
-    """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball): low and slow, for more than a few frames."""
+    """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball): low and slow for `SHORTEST_CONTACT_S`."""
     low, velocity = _low_and_velocity(poses)
     standing = low & (np.linalg.norm(velocity[..., :2], axis=-1) < speed_mps)
     for side in range(2):
@@ -150,13 +149,13 @@ def contacts(poses: Poses, *, speed_mps: float = CONTACT_SPEED_MPS) -> np.ndarra
 
 
 def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
-    """Contacts (T, 2, 2) with the frames before and after them in which heel or ball is low still and slower than `LEAVING_MPS`.
+    """Contacts (T, 2, 2) extended by the frames before and after in which the heel or ball is low and slower than `LEAVING_MPS`.
 
-    Feet of recordings drift while they stand and settle slowly: what is left out of a contact slides when steps are made longer.
+    Feet in recordings drift while they stand and settle slowly: frames left out of a contact slide when steps are made longer.
     """
     low, velocity = _low_and_velocity(poses)
     speed = np.linalg.norm(velocity[..., :2], axis=-1)
-    # What goes up or down by more is leaving for a jump, or landing from one.
+    # A foot that goes up or down faster is taking off for a jump or landing from one.
     slow = (speed < LEAVING_MPS) & (np.abs(velocity[..., 2]) < CONTACT_SPEED_MPS)
     near, twists = (low & slow) | planted, low & (speed < TWIST_MPS)
     extended = planted.copy()
@@ -168,7 +167,7 @@ def grown(poses: Poses, planted: np.ndarray) -> np.ndarray:
 
 
 def _with_twists(near: np.ndarray, twists: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Flags (T,) with the gaps of up to `TWIST_S` all of which may be of a foot that `twists` (T,)."""
+    """Flags (T,) with those gaps of up to `TWIST_S` filled in which `twists` (T,) holds throughout."""
     filled = near.copy()
     for start, stop in runs(~near):
         if start > 0 and stop < len(near) and stop - start <= TWIST_S * rate_hz and twists[start:stop].all():
@@ -185,13 +184,13 @@ def _low_and_velocity(poses: Poses) -> tuple[np.ndarray, np.ndarray]:
 
 
 def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, level: bool = True) -> Poses:
-    """Poses whose feet do not slide while they stand: `planted` as `contacts` gives it, (T, 2, 2).
+    """Poses whose feet do not slide while they stand; `planted` is (T, 2, 2), as `contacts` gives it.
 
-    While a foot stands, its pivot (the heel, then the ball) stays over one point, that of the middle of the contact; between
-    contacts the correction passes from one to the next. Heights change by one number per contact, so that feet roll as they did.
-    floor_m: height [m] at which the lower of heel and ball stands, and below which no foot goes; by default that at which each
-    stands in the median. level: whether each contact is brought to a height. Where a leg is too short its heel is raised, and
-    then the pelvis lowered.
+    While a foot stands, its pivot (the heel, then the ball) stays at its mean place in the middle half of the contact; between
+    contacts the correction passes from one to the next. Heights change by one constant per contact, so that feet roll as before.
+    floor_m: height [m] at which the lower of heel and ball stands, and below which no foot goes deeper than `GIVE`; by default
+    each stands at its own median height. level: whether each contact is brought to that height. Where a leg is too short, its
+    heel is raised and then the pelvis lowered.
     """
     points = soles(poses)
     joints, _ = poses.world()
@@ -209,9 +208,9 @@ def plant(poses: Poses, planted: np.ndarray, *, floor_m: float | None = None, le
 
 
 def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndarray:
-    """What is to be added to `values` (T, N) so that they stay, while a foot `stands` (T,), what they are in the contact's middle;
-    between contacts it passes from one to the next."""
-    # A foot that is off for a moment only, as at a seam, would have to turn round in it.
+    """Corrections (T, N) that hold `values` (T, N), while a foot `stands` (T,), at what they are in the middle of the contact;
+    between contacts they pass from one to the next."""
+    # A foot that is off the floor only briefly, as at a seam, would have to turn round in that time.
     shift, stretches = np.zeros_like(values), runs(_tidied(stands, rate_hz, LEAP_S))
     for start, stop in stretches:
         shift[start:stop] = values[(start + stop) // 2] - values[start:stop]
@@ -221,7 +220,7 @@ def steadying(values: np.ndarray, stands: np.ndarray, rate_hz: float) -> np.ndar
 
 
 def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
-    """Poses whose ankles are at the given tracks (T, 3) [m] of "left" and "right"; the pelvis sinks where a leg is too short."""
+    """Poses whose ankles follow the given tracks (T, 3) [m] of "left" and "right"; the pelvis sinks where a leg is too short."""
     joints, _ = poses.world()
     drop = np.zeros(len(poses))
     for side, track in ankles.items():
@@ -240,7 +239,7 @@ def follow(poses: Poses, ankles: dict[str, np.ndarray]) -> Poses:
 
 
 def _lift(poses: Poses, side: str, points: np.ndarray, shift: np.ndarray, floor_m: float) -> np.ndarray:
-    """Further rise (T,) [m] of an ankle that keeps heel, ball and toe out of the floor, by `GIVE` at most: soles are soft."""
+    """Further rise (T,) [m] of an ankle that keeps heel, ball and toe from sinking deeper than `GIVE` into the floor."""
     toe = poses.joint(f"{side}_toe")[:, 2]
     level = floor_m - GIVE * 2 * poses.skeleton.leg_m
     lowest = np.minimum(points[..., 2].min(axis=1), toe) + shift
@@ -248,8 +247,8 @@ def _lift(poses: Poses, side: str, points: np.ndarray, shift: np.ndarray, floor_
 
 
 def _tiptoe(poses: Poses, side: str, track: np.ndarray, free: np.ndarray) -> tuple[Poses, np.ndarray]:
-    """Poses whose foot is turned about its ball, and the ankle's track (T, 3) [m] then, so that the leg can follow: as far as
-    `RAISED_RAD`, where the foot is `free` (T,) to."""
+    """Poses in which the heel is raised about the ball, by up to `RAISED_RAD`, where the leg is too short for the ankle's track
+    (T, 3) [m] and the foot is `free` (T,) to; and the ankle's track then."""
     joints, rotations = poses.world()
     ankle, hip = INDEX[f"{side}_ankle"], INDEX[f"{side}_hip"]
     foot = rotations[:, ankle]
@@ -281,7 +280,7 @@ def runs(flags: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _tidied(flags: np.ndarray, rate_hz: float, gap_s: float = LONGEST_GAP_S) -> np.ndarray:
-    """Flags (T,) without gaps and then without runs that are too short."""
+    """Flags (T,) in which gaps that are too short are filled, and then runs that are too short are removed."""
     tidied = flags.copy()
     for start, stop in runs(~tidied):
         if start > 0 and stop < len(tidied) and stop - start <= gap_s * rate_hz:
@@ -293,8 +292,8 @@ def _tidied(flags: np.ndarray, rate_hz: float, gap_s: float = LONGEST_GAP_S) -> 
 
 
 def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_m: float | None) -> np.ndarray:
-    """Shift (T, 3) of one foot that holds its pivots still: points (T, 2, 3) of heel and ball, planted (T, 2)."""
-    # A foot that is off for a moment only, as at a seam, would have to leap to its next place.
+    """Shift (T, 3) [m] of a foot that holds its pivots in place, from points (T, 2, 3) of heel and ball and `planted` (T, 2)."""
+    # A foot that is off the floor only briefly, as at a seam, would have to leap to its next place.
     stands = _tidied(np.asarray(planted.any(axis=1)), rate_hz, LEAP_S)
     if not stands.any():
         return np.zeros((len(points), 3))
@@ -316,7 +315,7 @@ def _corrections(points: np.ndarray, planted: np.ndarray, rate_hz: float, floor_
 def _bridge(shift: np.ndarray, stretches: list[tuple[int, int]], rate_hz: float) -> None:
     """Fill the gaps between stretches, and what is before the first and after the last.
 
-    The shift eases from one end to the other; its slope at either end dies out within `FADE_S`, so that value and slope go on.
+    The shift eases from one end to the other; its slope at either end dies out within `FADE_S`: value and slope are continuous.
     """
     near = max(1, round(0.025 * rate_hz))
     ends = [
@@ -351,7 +350,7 @@ def _dying(frames: np.ndarray, within: float) -> np.ndarray:
 
 
 def _smooth_bound(needed: np.ndarray, rate_hz: float, reach_s: float) -> np.ndarray:
-    """A smooth track (T,) that is nowhere below `needed` nor negative: the greatest value near by, then a mean of like width."""
+    """Smooth track (T,) that is nowhere below `needed` (T,) nor negative: the greatest value near by, averaged twice."""
     from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
     if not (needed > 0).any():

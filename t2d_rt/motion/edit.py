@@ -1,4 +1,4 @@
-"""Where and how long a person moves: `place`, `repeat`, `describe`."""
+"""Place motions in front of the radar (`place`), extend them by their cycles (`repeat`) and summarise them (`describe`)."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from t2d_rt.motion.kinematics import facing, stature_m
 from t2d_rt.types.motion import Motion, checked_motion
 
 FARTHEST_M = 10_000.0
-"""Farthest start that `place` takes."""
+"""Greatest distance of the start that `place` takes [m]."""
 
 PLACED = "placed "
-"""How the line in a motion's report begins that `place` writes."""
+"""How the clause that `place` writes into a motion's report begins."""
 
 CLOSEST_APPROACH_M = 1.5
 """Horizontal distance of the nearest joint to the radar that `place` keeps if no distance is given."""
 
 TRAVEL_M = 0.5
-"""Motions whose pelvis ends nearer than this to its start do not travel: they are placed by what the body faces."""
+"""Motions whose pelvis ends nearer than this to its start do not travel: they are placed by the direction that the body faces."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionInfo:
-    """What there is to know about a motion at a glance."""
+    """Duration, size and speeds of a motion."""
 
     duration_s: float
     frames: int
     rate_hz: float
     stature_m: float
-    """Estimate from bone lengths, +- 5 %."""
+    """Stature estimated from bone lengths [m], within 5 %."""
     travelled_m: float
     """Length of the pelvis's horizontal track."""
     mean_speed_mps: float
-    """Length of the path over the duration [m/s]."""
+    """`travelled_m` over the duration [m/s]."""
     top_speed_mps: float
     top_speed_joint: str
 
@@ -80,11 +80,11 @@ def place(
     radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0),
     boresight: tuple[float, float, float] = (1.0, 0.0, 0.0),
 ) -> Motion:
-    """Start the motion in front of the radar: the pelvis on boresight, `distance_m` away horizontally.
+    """Start the motion in front of the radar, with the pelvis on the boresight, `distance_m` away horizontally.
 
-    At `angle_deg` 0 it moves towards the radar (main direction of the pelvis; on the spot, it faces the radar);
-    the angle turns that about the vertical, counterclockwise from above. Without a distance, no joint comes nearer than
-    1.5 m horizontally. z is kept.
+    At `angle_deg` 0 the pelvis's main direction points to the radar, or the body faces it if the motion does not travel;
+    the angle turns that about the vertical, counterclockwise from above. Without a distance, the nearest joint passes at
+    1.5 m horizontally. Heights are kept. Raises an InputError for a vertical boresight or a distance out of range.
     """
     checked_motion(motion)
     aim = array("boresight", boresight, (3,), limit=LARGEST_M)[:2]
@@ -121,9 +121,9 @@ def place_together(
     radar_position_m: tuple[float, float, float] = (0.0, 0.0, 1.0),
     boresight: tuple[float, float, float] = (1.0, 0.0, 0.0),
 ) -> dict[str, Motion]:
-    """Persons of one capture before the radar, where they are to one another: the first as `place` puts it, the others with it.
+    """Put the first person of a capture before the radar, as `place` does, and move the others with it, so that they stay together.
 
-    Without a distance nobody comes nearer than 1.5 m, measured along the boresight.
+    Without a distance nobody comes nearer than 1.5 m, measured along the boresight. Raises an InputError as `place` does.
     """
     if not isinstance(motions, Mapping) or not motions:
         raise InputError("motions must be a mapping of names to motions, as load_motions gives it")
@@ -152,7 +152,7 @@ def place_together(
 
 
 def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Motion:
-    """A placed motion so far left of where it stands [m], seen along the boresight; to the right where the distance is negative."""
+    """The motion moved to the left by a distance [m], seen along the boresight; a negative distance moves it to the right."""
     checked_motion(motion)
     number("distance_m", distance_m, -FARTHEST_M, FARTHEST_M, unit="m")
     aim = array("boresight", boresight, (3,), limit=LARGEST_M)[:2]
@@ -162,16 +162,16 @@ def aside(motion: Motion, distance_m: float, boresight: tuple[float, float, floa
 
 
 def placement(motion: Motion) -> str:
-    """Where a motion's coordinates come from: what `place` did, or that they are its own."""
+    """A clause that says where a motion's coordinates come from: what `place` did, or "own coordinates"."""
     notes = [part for part in motion.report.split("; ") if part.startswith(PLACED)]
     return notes[-1] if notes else "own coordinates"
 
 
 def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: float = 0.2) -> Motion:
-    """Go on for `duration_s` by repeating the best cycle of the motion, blended over `blend_s` at each seam.
+    """Extend a motion to `duration_s` by repeating its best cycle, blended over `blend_s` at each seam.
 
-    Each repetition starts where the last one ended, so a walk goes on walking (straight on, unless a cycle turns
-    by more than 20 degrees). travel=False takes the cycles' mean velocity out: walking on the spot, as on a treadmill.
+    Each repetition starts where the last one ended, so that a walk goes on (straight on, unless a cycle turns by 20 degrees or
+    more). travel=False removes the mean velocity of the cycle, as on a treadmill. Raises an InputError if there is no cycle.
     """
     checked_motion(motion)
     number("duration_s", duration_s, unit="s")
@@ -212,7 +212,7 @@ def repeat(motion: Motion, duration_s: float, *, travel: bool = True, blend_s: f
         f"repeated to {duration_s:g} s{'' if travel else ' on the spot'}",
         joints=joints,
         rotations=quaternions.continuous(rotations),
-        activities=motion.activities if len(motion.activities) == 1 else (),  # of several it repeats who knows which
+        activities=motion.activities if len(motion.activities) == 1 else (),  # of several, it is not known which recur
     )
 
 
@@ -221,7 +221,7 @@ def _points(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def main_direction(motion: Motion) -> np.ndarray:
-    """Horizontal unit vector (2,): principal axis of the pelvis track from start to end, or the facing at the start."""
+    """Horizontal unit vector (2,): the principal axis of the pelvis's track, or, without travel, where the body faces at first."""
     track = motion.joints[:, 0, :2]
     net = track[-1] - track[0]
     if np.linalg.norm(net) < TRAVEL_M:
@@ -237,7 +237,7 @@ def _rotated(joints: np.ndarray, rotations: np.ndarray, angle_rad: np.ndarray) -
 
 
 def _closest_start(along: np.ndarray, aside: np.ndarray) -> float:
-    """Distance of the start at which the nearest joint (any joint, any time) is CLOSEST_APPROACH_M from the radar."""
+    """Distance [m] of the start at which the nearest joint at any time is `CLOSEST_APPROACH_M` from the radar."""
     # (d + along)^2 + aside^2 >= r^2 for all joints, from the far side: d >= sqrt(r^2 - aside^2) - along.
     near = np.abs(aside) < CLOSEST_APPROACH_M
     return float((np.sqrt(CLOSEST_APPROACH_M**2 - aside[near] ** 2) - along[near]).max())
@@ -246,7 +246,7 @@ def _closest_start(along: np.ndarray, aside: np.ndarray) -> float:
 def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
     """Frames (first, last) of like pose and velocity, at least 0.5 s apart, with `window` frames left after the last.
 
-    Poses are compared in the body's own frame (pelvis at 0, facing x); 0.1 s weighs velocity against pose.
+    Poses are compared in the body's own frame (pelvis at x = y = 0, facing x); velocities count as their product with 0.1 s.
     """
     ahead = facing(_points(motion))
     heading = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
@@ -263,7 +263,7 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
     distance = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * feature[picked] @ feature[picked].T, 0.0))
     span = (picked[None, :] - picked[:, None]) / motion.rate_hz
     distance[span < max(0.5, 2.0 * window / motion.rate_hz)] = np.inf
-    # Standing is easiest to repeat and not what is asked for: the cycle must be about as lively as the whole.
+    # Standing is easiest to repeat but not what is asked for: a cycle must have 0.8 of the whole motion's mean speed.
     effort = np.cumsum(np.linalg.norm(np.diff(pose, axis=0, prepend=pose[:1]), axis=-1).mean(axis=1))
     lively = (effort[picked][None, :] - effort[picked][:, None]) / np.maximum(span, 1e-9)
     distance[lively < 0.8 * effort[-1] / motion.duration_s] = np.inf
@@ -273,7 +273,7 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
         raise InputError(
             f"the motion has no two instants of like pose to repeat between ({why}); give a longer recording or a shorter duration"
         )
-    # Of the cycles that are about as good, the longest: more of the person's own variation.
+    # Of cycles that are about as good the longest is taken: it has more of the person's own variation.
     candidate_spans = np.where(distance <= 1.3 * best, span, -1.0)
     first, last = np.unravel_index(int(candidate_spans.argmax()), candidate_spans.shape)
     return int(picked[first]), int(picked[last])
@@ -293,7 +293,7 @@ def _cycle_transform(motion: Motion, first: int, last: int) -> tuple[float, np.n
 def _repeat_root(
     position: np.ndarray, rotation: np.ndarray, copies: np.ndarray, angle: float, step: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Root (K, 3), (K, 4) after the cycle's transform has been applied `copies` (K,) times."""
+    """Positions (K, 3) and orientations (K, 4) of the root after the cycle's transform was applied `copies` (K,) times."""
     spins = quaternions.about_axis(np.array([0.0, 0.0, 1.0]), angle * np.arange(int(copies.max()) + 1))
     shifts = np.concatenate([np.zeros((1, 3)), np.cumsum(quaternions.rotate(spins[:-1], step), axis=0)])
     spin = spins[copies]

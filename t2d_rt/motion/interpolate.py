@@ -1,4 +1,4 @@
-"""Motions at other times: the smooth step, resampling and smoothing."""
+"""Interpolate, resample, trim and smooth motions in time."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from t2d_rt.types.motion import Motion, checked_motion, checked_rate
 
 
 def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
-    """From 0 to 1 over fractions (...) from 0 to 1, without speed or acceleration at either end: 10 x^3 - 15 x^4 + 6 x^5.
+    """Smooth step from 0 to 1 over fractions (...), with zero speed and acceleration at 0 and 1: 10 x^3 - 15 x^4 + 6 x^5.
 
-    Flash and Hogan 1985, equation 2. Fractions below 0 and above 1 stay at the ends.
+    The formula is equation 2 of Flash and Hogan 1985. Fractions below 0 give 0, and those above 1 give 1.
     """
     x = np.clip(fraction, 0.0, 1.0)
     return np.asarray(x**3 * (10.0 + x * (6.0 * x - 15.0)))
@@ -31,7 +31,7 @@ def minimum_jerk(fraction: np.ndarray) -> np.ndarray:
 def wander(
     rng: np.random.Generator, times_s: np.ndarray, count: int, band_hz: tuple[float, float], slope: float
 ) -> np.ndarray:
-    """Smooth noise (T, count) of unit deviation: sines of random phase whose density falls with frequency to the power `slope`."""
+    """Smooth noise (T, count) of unit standard deviation: sines of random phase, whose amplitude density is f^-slope."""
     octaves = np.log2(band_hz[1] / band_hz[0])
     lines = max(8, round(6 * octaves))
     frequency = band_hz[0] * 2 ** (octaves * (np.arange(lines) + rng.random((count, lines))) / lines)
@@ -43,18 +43,18 @@ def wander(
 
 # --- motion between its frames: C2 in time, because a radar sees the second derivative of every path ---
 #
-# Not the joints' positions are splined but what a skeleton is made of: the rotation of each joint in its parent's
-# frame, the offset of each joint in its parent's frame (nearly constant) and the root. So bones keep their length.
+# Splines interpolate the rotation and the (nearly constant) offset of each joint in its parent's frame, and the root,
+# instead of the joints' positions, so that bones keep their length.
 
 
 JITTER_CUTOFF_HZ = 12.0
-"""Human movement lies below it, but for impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
+"""Frequency below which human movement lies, except impacts of a few milliseconds (Winter, Biomechanics, 2.2)."""
 
 JITTER_LIMIT_MPS = 0.03
-"""Jitter from which a file counts as noisy: at 20 Hz a displacement of 0.2 mm, a third of a radian of phase at 77 GHz."""
+"""Jitter from which a file counts as noisy: at 20 Hz a displacement of 0.24 mm, 0.77 rad of round-trip phase at 77 GHz."""
 
 MOST_NUMBERS = 100_000_000
-"""Coordinates of joints that a motion may be made to hold, 0.8 GB: three hours at 120 Hz."""
+"""Greatest number of joint coordinates that resampling or repeating may make: 0.8 GB, about three hours at 120 Hz."""
 
 CHI_SQUARE_3_MEDIAN = 0.789
 """Median over mean of a squared speed with three Gaussian components."""
@@ -68,7 +68,7 @@ class Track:
     curves: Callable[[np.ndarray], np.ndarray]
 
     def __call__(self, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (K, J, 3) [m] and orientations (K, J, 4) at any times (K,) within the motion."""
+        """Positions (K, J, 3) [m] and orientations (K, J, 4) at times (K,) [s]; raises an InputError outside the motion."""
         times = np.atleast_1d(array("times", times_s))
         end = self.motion.duration_s
         # Half a nanosecond of rounding is no error: last frames are often asked for as (T - 1) / rate.
@@ -86,19 +86,22 @@ def track(motion: Motion) -> Track:
 
     checked_motion(motion)
     values = np.concatenate(parts(motion)[::-1], axis=-1).reshape(len(motion.joints), -1)
-    # Sign-continuous quaternion components, splined and normalised: C2, as near as RotationSpline (within 2 % on a
-    # 20 fps walk), and all joints at once. A quintic is no better: what errs at 20 fps is aliasing, not the order.
-    # As B-splines: one number per frame and component, where pieces of cubics are four.
+    # Components of sign-continuous quaternions are splined and normalised: this is C2, as accurate as RotationSpline
+    # (within 2 % on a walk at 20 Hz), and takes all joints at once. A quintic is no better: the error at 20 Hz comes from
+    # aliasing, not from the order. A B-spline stores one number per frame and component, cubic pieces store four.
     return Track(motion, make_interp_spline(motion.times_s, values, k=min(3, len(values) - 1)))
 
 
 def sample(motion: Motion, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Positions (K, J, 3) [m] and orientations (K, J, 4) at the times (K,)."""
+    """Positions (K, J, 3) [m] and orientations (K, J, 4) at the times (K,) [s]; raises an InputError outside the motion."""
     return track(motion)(times_s)
 
 
 def resample(motion: Motion, rate_hz: float) -> Motion:
-    """The same motion at another frame rate; a remainder shorter than one frame is cut off."""
+    """The same motion at another frame rate; a remainder shorter than one frame is cut off.
+
+    Raises an InputError if fewer than two frames or too many would result.
+    """
     checked_motion(motion)
     checked_rate(rate_hz)
     count = math.floor(motion.duration_s * rate_hz + 1e-9) + 1
@@ -117,7 +120,10 @@ def resample(motion: Motion, rate_hz: float) -> Motion:
 
 
 def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> Motion:
-    """The frames from `start_s` to `stop_s` (both included, to the nearest frame); time starts at 0 again."""
+    """The frames from `start_s` to `stop_s` (both included, to the nearest frame); time starts at 0 again.
+
+    Raises an InputError if this interval is not within the motion or holds a single frame.
+    """
     checked_motion(motion)
     number("start_s", start_s, unit="s")
     stop_s = motion.duration_s if stop_s is None else number("stop_s", stop_s, unit="s")
@@ -143,7 +149,10 @@ def trim(motion: Motion, start_s: float = 0.0, stop_s: float | None = None) -> M
 
 
 def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
-    """Zero-phase Butterworth low-pass (-3 dB at the cut-off, 4th order) of local rotations, offsets and root."""
+    """Low-pass local rotations, offsets and root by a zero-phase Butterworth filter (4th order, -3 dB at the cut-off).
+
+    Raises an InputError if the cut-off does not lie between 0 and half the frame rate.
+    """
     checked_motion(motion)
     number("cutoff_hz", cutoff_hz)
     if not 1e-6 * motion.rate_hz < cutoff_hz < 0.5 * motion.rate_hz:
@@ -154,14 +163,14 @@ def smooth(motion: Motion, cutoff_hz: float = JITTER_CUTOFF_HZ) -> Motion:
 
 
 def smoothed(motion: Motion, skeleton_parts: tuple[np.ndarray, np.ndarray], cutoff_hz: float) -> Motion:
-    """The motion low-passed as `smooth` does it, whose `parts` are found already."""
+    """The motion low-passed as by `smooth`, given its `parts`."""
     low = low_pass(np.concatenate(skeleton_parts[::-1], axis=-1), cutoff_hz, motion.rate_hz)
     joints, rotations = compose(low[..., 4:], quaternions.normalise(low[..., :4]), motion.parents)
     return motion.edited(f"smoothed at {cutoff_hz:g} Hz", joints=joints, rotations=rotations)
 
 
 def low_pass(values: np.ndarray, cutoff_hz: float, rate_hz: float) -> np.ndarray:
-    """Forward and backward Butterworth along axis 0, -3 dB at the cut-off; the ends are padded by point reflection."""
+    """Forward and backward Butterworth low-pass along axis 0, -3 dB at the cut-off; the ends are padded by point reflection."""
     # Two passes of 2nd order: each is -1.5 dB at the cut-off if its own corner lies 1/0.802 higher (Winter, 2.2.4.4),
     # warped exactly through the tangent of the bilinear transform.
     warped = math.tan(math.pi * cutoff_hz / rate_hz) / (math.sqrt(2.0) - 1.0) ** 0.25
@@ -179,9 +188,9 @@ def low_pass_gain(count: int, cutoff_hz: float, rate_hz: float) -> np.ndarray:
 
 
 def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
-    """Low-pass of 2nd order along axis 0, at rest at the first value; `warped` is the tangent of half its corner's phase advance.
+    """Low-pass of 2nd order along axis 0 that is at rest at the first value; `warped` is tan(pi f / rate) of its corner f.
 
-    The recursion is a banded system of equations: importing scipy.signal for it takes longer than planning a run.
+    The recursion is solved as a banded system of equations, because importing scipy.signal takes longer than planning a run.
     """
     from scipy.linalg import solve_banded
 
@@ -201,8 +210,8 @@ def _butterworth(values: np.ndarray, warped: float) -> np.ndarray:
 def jitter_mps(motion: Motion) -> float:
     """RMS joint speed of the noise above `JITTER_CUTOFF_HZ` [m/s], from the *median* over joints and frames.
 
-    Noise is there all the time, foot strikes only at times: they raise the mean of a clean run, not the median, and
-    must not be filtered away. 0 where the frame rate cannot hold any.
+    Noise is always present, foot strikes only at times: they raise the mean of a clean run but not the median, and must
+    not be filtered away. It is 0 for frame rates too low to hold such noise, and for fewer than four frames.
     """
     if motion.rate_hz < 2.5 * JITTER_CUTOFF_HZ or len(motion.joints) < 4:
         return 0.0
@@ -212,13 +221,13 @@ def jitter_mps(motion: Motion) -> float:
 
 
 def parts(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """What a skeleton is made of: offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames, without changes of sign."""
+    """Offsets (T, J, 3) [m] and sign-continuous rotations (T, J, 4) of all joints in their parents' frames."""
     offsets, local = decompose(motion.joints, motion.rotations, motion.parents)
     return offsets, quaternions.continuous(local)
 
 
 def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames; the root keeps its own."""
+    """Offsets (T, J, 3) and rotations (T, J, 4) in the parents' frames; the root keeps its position and orientation."""
     above = list(parents[1:])
     back = quaternions.conjugate(rotations[:, above])
     offsets, local = joints.copy(), rotations.copy()
@@ -228,8 +237,8 @@ def decompose(joints: np.ndarray, rotations: np.ndarray, parents: tuple[int, ...
 
 
 def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Inverse of `decompose`: forward kinematics."""
-    # Components first: each is a whole array in memory, at a third of the time.
+    """Positions (T, J, 3) and orientations (T, J, 4) by forward kinematics: the inverse of `decompose`."""
+    # With components first, each of them is contiguous in memory, which takes a third of the time.
     bones, turns = (np.ascontiguousarray(np.moveaxis(part, 0, -1).swapaxes(0, 1)) for part in (offsets, local))
     place, turned = composed(bones, turns, parents)
     return np.ascontiguousarray(place.transpose(2, 1, 0)), np.ascontiguousarray(turned.transpose(2, 1, 0))
@@ -238,10 +247,10 @@ def compose(offsets: np.ndarray, local: np.ndarray, parents: tuple[int, ...]) ->
 def composed(
     bones: np.ndarray, rotations: np.ndarray, parents: Sequence[int], *, normalised: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joints (3, J, T) and orientations (4, J, T) of offsets and rotations in the parents' frames, all of like shape and components
-    first; all joints of one depth at a time.
+    """Positions (3, J, T) and orientations (4, J, T) by forward kinematics of offsets and rotations of the same shapes in the
+    parents' frames; all joints of one depth are computed at a time.
 
-    normalised: whether each orientation is scaled to unit length before others are turned by it.
+    normalised: whether each orientation below the root is scaled to unit length before those of its children are found.
     """
     place, turned = bones.copy(), rotations.copy()
     for here, above in _levels(tuple(parents)):
@@ -275,6 +284,6 @@ def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
 
 
 def _cross(first: Iterable[np.ndarray], second: Iterable[np.ndarray]) -> list[np.ndarray]:
-    """Vector products by components."""
+    """Vector product of two vectors that are given as three components each."""
     (a, b, c), (d, e, f) = first, second
     return [b * f - c * e, c * d - a * f, a * e - b * d]

@@ -1,9 +1,9 @@
-"""Jumps: steps of joints that contradict those before and after. No person makes them; lost samples, cuts and swapped bodies do.
+"""Find jumps in motions: steps of joints that contradict those before and after, caused by lost samples, cuts or swapped bodies.
 
-The deviation of a step is its distance from the segment between the step before and the one after: none in even movement and where
-a foot or a falling hand stops within a frame, the whole jump where a joint stands elsewhere all at once. Limits: 127 recordings
-before any smoothing, walks to backflips at 16 to 120 Hz: the middle of the trunk deviates by up to 4.4 cm at 60 Hz and 9 cm at
-16 Hz, a single joint by 18 and 56 cm; those with known faults (`check/limits.json`) by 25 cm to 1.1 m at 60 Hz.
+The deviation of a step is its distance from the segment between the step before and the one after. It is 0 in even movement and
+where a foot or a falling hand stops within a frame, and it is the whole jump where a joint is suddenly elsewhere. The limits come
+from 127 recordings before any smoothing, from walks to backflips at 16 to 120 Hz: the middle of the trunk deviates by up to 4.4 cm
+at 60 Hz and 9 cm at 16 Hz, a joint by up to 18 and 56 cm; with known faults (`check/limits.json`), by 25 cm to 1.1 m at 60 Hz.
 """
 
 from __future__ import annotations
@@ -19,42 +19,43 @@ from t2d_rt.geometry.vectors import inner, norms
 TRUNK = ("left_hip", "right_hip", "left_shoulder", "right_shoulder")
 
 TRUNK_LIMIT = 0.08, 25.0
-"""Deviation of the trunk's middle [m] that makes a jump: the first and the second [m/s^2] over the squared rate."""
+"""A step is a jump if the trunk's middle deviates by more than the first [m] plus the second [m/s^2] over the squared rate."""
 
 JOINT_LIMIT = 0.2, 100.0
-"""The same of a single joint."""
+"""The same limits for a single joint."""
 
 SWAPPED_M, SWAPPED = 0.12, 0.3
-"""Deviation of a pair's step [m] from which left and right may be swapped, and the part of it that stays after an exchange."""
+"""Left and right may be swapped where a pair's step deviates by more than the first [m], and with the sides exchanged by less than
+the second times as much."""
 
 PAIRS = (("hip", "shoulder"), ("knee", "ankle"), ("elbow", "wrist"))
 """Pairs of joints that are swapped together."""
 
 SPREAD, LONGEST, LONGEST_S = (1, 2, 3, 6, 12, 24), 3, 0.12
-"""Frames over which a jump may be spread, by filters or by interpolation, up to so many or so long."""
+"""Numbers of frames over which filters or interpolation may spread a jump; none exceeds both `LONGEST` frames and `LONGEST_S`."""
 
 LARGER = 1.5
-"""How much larger a jump must be over more frames to be one that is spread over them."""
+"""Factor by which a jump must be larger over more frames than over fewer to count as spread over the larger number."""
 
 NOISE = 6.0
-"""Medians of a track's own deviations that a jump must exceed beyond the limit: a camera's noise is none."""
+"""A jump must exceed the limit by this many medians of the track's own deviations, so that the noise of a camera is no jump."""
 
 TOLD = "the motion jumps: "
 MOST = 200
-"""Jumps that are looked at, the largest: of files that are nothing but jumps."""
+"""How many jumps, the largest ones, are examined in a file that is full of them."""
 
 SHOWN = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Jump:
-    """A step that contradicts its neighbours."""
+    """A step of joints that contradicts the steps before and after it."""
 
     what: str
     frame: int
-    """Frame from which it leaves."""
+    """Frame at which it starts."""
     frames: int
-    """Over which it is spread."""
+    """Number of frames over which it is spread."""
     time_s: float
     """Time of the frame that it reaches [s]."""
     by_m: float
@@ -68,7 +69,7 @@ class Jump:
 
 
 def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump]:
-    """Jumps of joints (T, J, 3) [m] in the order of time, each once: of the whole body, of single joints, or left for right."""
+    """Jumps of joints (T, J, 3) [m] in order of time: of the whole body, of single joints, and swaps of left and right."""
     column = {name: place for place, name in enumerate(names)}
     middle = joints[:, [column[name] for name in TRUNK]].mean(axis=1, keepdims=True)
     jump_list: list[Jump] = []
@@ -94,19 +95,19 @@ def jumps(joints: np.ndarray, names: Sequence[str], rate_hz: float) -> list[Jump
 
 
 def told(jump_list: Sequence[Jump]) -> str:
-    """The jumps in a few words, the largest by name."""
+    """A clause for a motion's report that names the largest jumps and counts the others."""
     largest = sorted(sorted(jump_list, key=attrgetter("by_m"), reverse=True)[:SHOWN], key=attrgetter("frame"))
     more = f" and {len(jump_list) - SHOWN} more" if len(jump_list) > SHOWN else ""
     return f"{TOLD}{', '.join(map(str, largest))}{more}"
 
 
 def told_before(report: str) -> str:
-    """The clause of a motion's report that tells of jumps; empty without."""
+    """The clause of a motion's report that tells of jumps; empty if there is none."""
     return next((clause for clause in report.split("; ") if clause.startswith(TOLD)), "")
 
 
 def deviations(joints: np.ndarray, frames: int = 1) -> np.ndarray:
-    """Distances (T - 3 n, J) [m] of the steps over n frames from the segments between those before and after, joints (T, J, 3)."""
+    """Deviations (T - 3 n, J) [m] of the steps over n frames of joints (T, J, 3) [m], as the text of this module defines them."""
     step = joints[frames:] - joints[:-frames]
     before, here, after = step[: -2 * frames], step[frames:-frames], step[2 * frames :]
     along = after - before
@@ -115,8 +116,8 @@ def deviations(joints: np.ndarray, frames: int = 1) -> np.ndarray:
 
 
 def _may_deviate(joints: np.ndarray, frames: int, limit_m: float) -> bool:
-    """Whether any deviation may exceed a limit: none is larger than what the step differs from the one before, which is found in a
-    third of the time and is small in sound motions."""
+    """Whether any deviation may exceed a limit: none is larger than the difference between the step and the one before, which is
+    found in a third of the time and is small in sound motions."""
     step = joints[frames:] - joints[:-frames]
     change = step[frames:-frames] - step[: -2 * frames]
     return bool(inner(change, change).max() > (1.0 - 1e-9) * limit_m**2)
@@ -127,7 +128,7 @@ def _excess(deviation: np.ndarray, limit: tuple[float, float], rate_hz: float) -
 
 
 def _peaks(size: np.ndarray, frames: int) -> list[int]:
-    """Places of the largest of neighbours that are above nothing."""
+    """Indices of positive values that no value fewer than `frames` frames away exceeds."""
     places = np.flatnonzero(size > 0)
     if len(places) > MOST:
         places = np.sort(places[np.argsort(-size[places])[:MOST]])
@@ -140,7 +141,7 @@ def _peaks(size: np.ndarray, frames: int) -> list[int]:
 
 
 def _add(jump_list: list[Jump], jump: Jump) -> None:
-    """Adds a jump; of those that overlap, being the same seen over fewer or more frames, the larger stays."""
+    """Adds a jump; if it overlaps others, being the same one over more frames, it replaces them only if `LARGER` times as large."""
     overlapping = [
         other
         for other in jump_list
@@ -167,7 +168,7 @@ def _swaps(joints: np.ndarray, column: dict[str, int], rate_hz: float) -> list[J
             if not _may_deviate(both, 1, SWAPPED_M):
                 exchanged[:] = False
                 break
-            # The step to the other side's place, and from there on along it.
+            # The step goes to the other side's place, and the next one follows that side.
             same = deviations(both)[:, 0]
             before, here, after = both[1:-2] - both[:-3], other[2:-1] - both[1:-2], other[3:] - other[2:-1]
             crossed = np.linalg.norm(here - 0.5 * (before + after), axis=-1)[:, 0]

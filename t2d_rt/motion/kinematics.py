@@ -1,4 +1,4 @@
-"""Skeletons whose zero pose means the same in every motion, their poses, and what joints say in any pose: stature, legs, facing."""
+"""Skeletons that share one rest pose, their poses over time, and what joints tell in any pose: stature, length of legs, facing."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from t2d_rt.motion.interpolate import compose, decompose
 from t2d_rt.motion.skeletons import PARENT_OF
 from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, OPTIONAL_JOINTS, Motion
 
-# --- what the joints of a person say in any pose: stature, the length of legs and the direction that the body faces
-# ---
+# --- what joints tell in any pose: stature, length of legs, and the direction that the body faces ---
 
 
 STATURE_PER_CHAIN = 1.142
@@ -45,7 +44,7 @@ def leg_m(points: Mapping[str, np.ndarray]) -> float:
 
 
 def middle(points: Mapping[str, np.ndarray], joint: str) -> np.ndarray:
-    """Track (T, 3) between the left and the right one of a joint."""
+    """Track (T, 3) midway between a joint of the left side and that of the right."""
     return np.asarray(0.5 * (points[f"left_{joint}"] + points[f"right_{joint}"]))
 
 
@@ -56,8 +55,7 @@ def facing(points: dict[str, np.ndarray]) -> np.ndarray:
     return forward / np.maximum(norms(forward), 1e-9)[..., None]
 
 
-# --- skeletons whose zero pose means the same in every motion: what generators edit, blend and carry to other bodies
-# ---
+# --- skeletons that share one rest pose, so that generators can edit, blend and retarget their poses ---
 #
 # In the rest pose of a `Skeleton` the person stands upright, faces +x, left is +y, z up, with the arms stretched out
 # sideways (a T) and every joint's frame parallel to the axes. Hips and collars are placed in the frames of pelvis and
@@ -82,7 +80,7 @@ PARENT_NAMES: Mapping[str, str] = {
 PARENTS: tuple[int, ...] = (-1, *(INDEX[PARENT_NAMES[name]] for name in NAMES[1:]))
 
 END_LENGTHS = {"head_top": 0.115, "left_hand": 0.09, "right_hand": 0.09, "left_toe": 0.035, "right_toe": 0.035}
-"""Lengths of ends that a motion lacks, over its stature; the adult template's."""
+"""Lengths of ends that a motion lacks, over its stature, as in the adult template."""
 
 STRAIGHT = 0.05
 """Squared sine of a knee's or an elbow's bend at which its hinge counts as much as its parent's orientation."""
@@ -93,7 +91,7 @@ class Skeleton:
     """Bones of one person in the rest pose."""
 
     offsets: np.ndarray
-    """Joints from their parents [m] in the rest pose, (28, 3); the pelvis's is its height over the floor."""
+    """Offsets (28, 3) [m] of joints from their parents in the rest pose; the pelvis's is its height over the balls of the feet."""
 
     def bone_m(self, name: str) -> float:
         """Length of the bone that ends at a joint [m]."""
@@ -101,11 +99,11 @@ class Skeleton:
 
     @property
     def leg_m(self) -> float:
-        """Hip to ankle [m], mean of both legs."""
+        """Length of thigh and shank [m], mean of both legs."""
         return 0.5 * sum(self.bone_m(f"{side}_{joint}") for side in ("left", "right") for joint in ("knee", "ankle"))
 
     def scaled(self, factor: float) -> Skeleton:
-        """All bones longer by a factor."""
+        """The skeleton with all bones scaled by a factor."""
         return replace(self, offsets=self.offsets * factor)
 
 
@@ -133,7 +131,7 @@ class Poses:
         offsets[:, 0] = self.root
         world = compose(offsets, self.local, PARENTS)
         for array in world:
-            array.flags.writeable = False  # others ask for them again
+            array.flags.writeable = False  # the arrays are kept for later calls
         return world
 
     def joint(self, name: str) -> np.ndarray:
@@ -141,15 +139,15 @@ class Poses:
         return self.world()[0][:, INDEX[name]]
 
     def part(self, start: int, stop: int) -> Poses:
-        """Frames from `start` to before `stop`."""
+        """The poses of the frames from `start` to before `stop`."""
         return replace(self, root=self.root[start:stop], local=self.local[start:stop])
 
 
 def poses_of(motion: Motion) -> Poses:
     """A motion as poses of its own skeleton; bone lengths are medians over time.
 
-    Orientations keep what the motion knows of twist (of forearms, head and feet): each joint's own axes are turned to the
-    skeleton's by one rotation, the mean over time of what positions show, and so that its bone lies along its axis.
+    Orientations keep the motion's twist (of forearms, head and feet): each joint's axes are turned to the skeleton's by one
+    constant rotation, the mean over time of what positions show, and then so that its bone lies along its axis.
     """
     points = _with_ends(motion)
     posed = frames(points)
@@ -198,9 +196,9 @@ def skeleton_of(rest: Mapping[str, np.ndarray]) -> Skeleton:
 
 
 def retargeted(poses: Poses, skeleton: Skeleton) -> Poses:
-    """The same rotations on another skeleton; the root's track is scaled by the length of the legs, feet stay near the floor.
+    """The same rotations on another skeleton; the root's track is scaled by the legs' length, so that feet stay near the floor.
 
-    Feet then slide by what proportions differ: `contacts.plant` puts them back.
+    Feet then slide as far as proportions differ; `contacts.plant` puts them back.
     """
     factor = _standing_m(skeleton) / _standing_m(poses.skeleton)
     return replace(poses, skeleton=skeleton, root=poses.root * factor)
@@ -218,8 +216,8 @@ def at_frames(poses: Poses, numbers: np.ndarray) -> Poses:
 
 
 def frames(points: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Orientations (T, 4) of all joints from positions (T, 3) alone: bones by swing, hinges of knees and elbows by the plane of
-    the limb where it is bent, everything else with its parent.
+    """Orientations (T, 4) of all joints from positions (T, 3) alone: bones lie along their axes by the least rotation, hinges of
+    knees and elbows follow from the plane of a bent limb, and all else turns with its parent.
     """
     across_hips = points["left_hip"] - points["right_hip"]
     across_shoulders = points["left_shoulder"] - points["right_shoulder"]
@@ -271,18 +269,18 @@ def _leg(orientations: dict[str, np.ndarray], points: Mapping[str, np.ndarray], 
     hip, knee, ankle, foot, toe = (points[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot", "toe"))
     thigh, shank, sole = knee - hip, ankle - knee, foot - ankle
     straight = _swung(orientations["pelvis"], [0.0, 0.0, -1.0], thigh)
-    # With the leg straight the hinge is square to the plane of leg and foot, which shows better than the pelvis's axis.
+    # The hinge of a straight leg is perpendicular to the plane of shank and foot, which is surer than the pelvis's axis.
     level = _hinge(straight, [0.0, 1.0, 0.0], np.cross(unit(sole), unit(shank)))
     hinge = _hinge(axes_along("z", -thigh, "y", level), [0.0, 1.0, 0.0], np.cross(unit(thigh), unit(shank)))
     orientations[f"{side}_hip"] = axes_along("z", -thigh, "y", hinge)
     orientations[f"{side}_knee"] = axes_along("z", -shank, "y", hinge)
-    # The sole's frame has x along the level part of the bone in standing: the bone itself falls by a constant angle.
+    # The x axis of the sole is level while the foot stands; the bone itself falls by a constant angle.
     orientations[f"{side}_ankle"] = axes_along("x", _levelled(ankle, foot, hinge), "y", hinge)
     orientations[f"{side}_foot"] = axes_along("x", toe - foot, "y", hinge)
 
 
 def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndarray:
-    """The bone from ankle to ball (T, 3), turned about the hinge by the angle at which it falls while the foot stands."""
+    """Direction (T, 3) from ankle to ball, turned about the hinge by the angle at which the bone falls while the foot stands."""
     sole = ball - ankle
     standing = ankle[:, 2] <= np.percentile(ankle[:, 2], 25)  # the heel is down, and with it the whole foot
     direction, axis = unit(sole), unit(hinge)
@@ -292,17 +290,17 @@ def _levelled(ankle: np.ndarray, ball: np.ndarray, hinge: np.ndarray) -> np.ndar
 
 
 def _hinge(guess: np.ndarray, axis: list[float], normal: np.ndarray) -> np.ndarray:
-    """Axis of a hinge (T, 3): the limb's `normal` where it is bent, the guessed frame's axis where it is straight."""
+    """Axis (T, 3) of a hinge: the `normal` (T, 3) of a bent limb, and the axis of the guessed frame (T, 4) of a straight one."""
     expected = quaternions.rotate(guess, np.array(axis))
     sine2 = (normal**2).sum(-1, keepdims=True)
-    # A knee bent the wrong way is noise of a straight one; the hinge must not turn over.
+    # A knee bent the wrong way is a straight one with noise, at which the hinge must not turn over.
     agrees = np.clip((normal * expected).sum(-1, keepdims=True) / np.maximum(np.sqrt(sine2), 1e-9), 0.0, 1.0)
     weight = agrees * sine2 / (sine2 + STRAIGHT)
     return (1 - weight) * expected + weight * unit(normal)
 
 
 def axes_along(first: str, along: np.ndarray, second: str, towards: np.ndarray) -> np.ndarray:
-    """Orientations whose axis `first` lies along a direction and whose axis `second` lies towards another, both (T, 3)."""
+    """Orientations (T, 4) whose axis `first` lies along a direction and whose axis `second` lies towards another, both (T, 3)."""
     a = unit(along)
     b = unit(towards - (towards * a).sum(-1, keepdims=True) * a)
     columns = {first: a, second: b}
@@ -318,14 +316,14 @@ def _swung(parent: np.ndarray, axis: list[float], bone: np.ndarray) -> np.ndarra
 
 
 def _aligned(name: str, rotation: np.ndarray, points: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Orientations turned by the least rotation that lays the joint's axis along its bone."""
+    """Orientations (T, 4) turned by the least rotation that lays the joint's axis along its bone."""
     child, axis, sign = _CHILD[name]
     direction = sign * np.eye(3)["xyz".index(axis)]
     return _swung(rotation, direction.tolist(), points[child] - points[name])
 
 
 def _rest_offsets(offsets: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Offsets with each bone exactly along its axis and the pelvis at its height over the feet in the rest pose."""
+    """Offsets (28, 3) [m] with each bone of `_CHILD` exactly along its axis and the pelvis at its height over the feet."""
     rest = offsets.copy()
     for name, (child, axis, sign) in _CHILD.items():
         length = np.median(np.linalg.norm(joints[:, INDEX[child]] - joints[:, INDEX[name]], axis=-1))
@@ -343,7 +341,7 @@ def _standing_m(skeleton: Skeleton) -> float:
 
 
 def _with_ends(motion: Motion) -> dict[str, np.ndarray]:
-    """Positions (T, 3) of all 27 joints; ends that the motion lacks continue the bone before them."""
+    """Positions (T, 3) of all 28 joints by name; ends that the motion lacks continue the bone before them, toes the level sole."""
 
     points = {name: motion.joints[:, index] for index, name in enumerate(motion.names)}
     tall = stature_m(points)

@@ -1,4 +1,4 @@
-"""Unit quaternions (x, y, z, w) on the last axis; leading axes broadcast. NumPy alone: reading needs no scipy."""
+"""Unit quaternions (x, y, z, w) on the last axis; leading axes broadcast. They need NumPy alone, so that reading needs no scipy."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from t2d_rt.geometry.vectors import inner, norms, vector_product
 
 
 def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Product: the rotation `second`, then `first` (as with matrices)."""
+    """Product (..., 4) of two quaternions: the rotation `second`, then `first` (as with matrices)."""
     u, a = first[..., :3], first[..., 3:]
     v, b = second[..., :3], second[..., 3:]
     out = np.empty(np.broadcast_shapes(first.shape, second.shape))
@@ -33,18 +33,18 @@ def rotate(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:
 
 
 def about_axis(axis: np.ndarray, angle_rad: np.ndarray) -> np.ndarray:
-    """Rotation by an angle (...) about one unit axis (3,): (..., 4)."""
+    """Quaternions (..., 4) of rotations by angles (...) about a unit axis (3,)."""
     half = 0.5 * np.asarray(angle_rad, dtype=float)[..., None]
     return np.concatenate([np.sin(half) * axis, np.cos(half)], axis=-1)
 
 
 def normalise(quaternion: np.ndarray) -> np.ndarray:
-    """Scaled to unit length."""
+    """Quaternions or vectors scaled to unit length along the last axis."""
     return quaternion / norms(quaternion)[..., None]
 
 
 def continuous(quaternion: np.ndarray) -> np.ndarray:
-    """Signs chosen so that neighbours in time (axis 0) are less than half a turn apart."""
+    """The same rotations with signs chosen so that neighbours in time (axis 0) are less than half a turn apart."""
     steps = np.where(inner(quaternion[1:], quaternion[:-1]) < 0, -1.0, 1.0)[..., None]
     signs = np.concatenate([np.ones_like(quaternion[:1, ..., :1]), np.cumprod(steps, axis=0)])
     return quaternion * signs
@@ -61,14 +61,14 @@ def between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     start, end = normalise(start), normalise(end)
     cosine, axis = inner(start, end)[..., None], vector_product(start, end)
     opposite = ~(cosine > -1.0 + 1e-12)
-    if opposite.any():  # which leaves the axis open: any one square to them will do
+    if opposite.any():  # opposite directions leave the axis open: any one perpendicular to them will do
         aside = vector_product(start, np.where(np.abs(start[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]))
         axis = np.where(opposite, aside, axis)
     return normalise(np.concatenate([axis, np.maximum(1.0 + cosine, 0.0)], axis=-1))
 
 
 def from_matrix(matrix: np.ndarray) -> np.ndarray:
-    """Quaternions of rotation matrices (..., 3, 3): the row of largest norm of the symmetric 4 x 4 form (Shepperd)."""
+    """Quaternions (..., 4) of rotation matrices (..., 3, 3): the row of largest norm of the symmetric 4 x 4 form (Shepperd)."""
     m = matrix
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
     xy, xz, yz = m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0], m[..., 1, 2] + m[..., 2, 1]
@@ -83,7 +83,7 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
 
 
 def calibrated(recorded: np.ndarray, expected: np.ndarray) -> np.ndarray:
-    """A joint's own orientations (T, 4), turned by the constant that brings them nearest to those that positions show."""
+    """Recorded orientations (T, 4) of a joint, turned by the constant rotation that brings them nearest to the expected ones."""
     offset = multiply(conjugate(recorded), expected)
     values, vectors = np.linalg.eigh(np.einsum("ti,tj->ij", offset, offset))
     return multiply(recorded, vectors[:, int(values.argmax())])

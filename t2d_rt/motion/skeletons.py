@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 Source = str | tuple[str, str, float]
-"""A joint of the file, or (a, b, fraction): the point that far from a to b, which turns with a."""
+"""A joint of the file, or (a, b, fraction): the point at that fraction from a to b, which turns with a."""
 
 PARENT_OF: Mapping[str, str | None] = {
     name: CANONICAL_JOINTS[parent] if parent >= 0 else None
@@ -32,7 +32,7 @@ PARENT_OF: Mapping[str, str | None] = {
 
 
 def parents_of(names: Sequence[str]) -> tuple[int, ...]:
-    """Places of the parents of joints, parents before children, among them; -1 for the root."""
+    """Index of each joint's parent among the names, in which parents precede children; -1 for the root."""
     return tuple(list(names).index(str(PARENT_OF[name])) if PARENT_OF[name] else -1 for name in names)
 
 
@@ -43,7 +43,7 @@ def tables() -> Mapping[str, Any]:
 
 
 def shipped(path: Path) -> Mapping[str, Any]:
-    """The sections of a YAML file of the package, read in a tenth of the time that the files of strangers take."""
+    """The sections of a YAML file of the package, read in a tenth of the time that users' files take, which are checked."""
     import yaml
 
     loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -51,8 +51,8 @@ def shipped(path: Path) -> Mapping[str, Any]:
 
 
 def sided(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Rows with a star expanded to left and right, to L and R where no underscore follows it; in their sources {Side} is Left or
-    Right, {side} left or right, {S} L or R and {s} l or r."""
+    """Rows whose names begin with a star, expanded to both sides: the star is left and right before an underscore, else L and R; in
+    their sources {Side} is Left or Right, {side} left or right, {S} L or R and {s} l or r."""
     both: dict[str, Any] = {}
     for name, source in table.items():
         for side in ("Left", "Right") if name.startswith("*") else ("",):
@@ -81,20 +81,20 @@ def _of_side(source: Any, side: str) -> Any:
 #     cmu_units: false                   # whether such files may be in units of 0.05644 m, as CMU's are
 #
 # Pelvis, head, hips, knees, ankles, shoulders, elbows and wrists are needed; spine1 to spine3, neck, collars, feet,
-# toes, hands and head_top may lack. `lost_bones` (joint whose zero offset betrays a lost bone: [joint to move, joint
+# toes, hands and head_top may be absent. `lost_bones` (joint whose zero offset betrays a lost bone: [joint to move, joint
 # whose offset is the model, factor]) is there for conversions such as that of the CMU database.
 
 
 FIELDS = ("name", "joints", "lost_bones", "cmu_units")
 
 FRACTIONS = -2.0, 3.0
-"""Points between and a little beyond two joints."""
+"""Least and greatest fraction: points lie between two joints or somewhat beyond them."""
 
 MOST_ROWS = 100
 
 
 def read_flavour(path: str | Path) -> Flavour:
-    """The flavour that a YAML file describes; an InputError of one sentence that names the file where it is wrong."""
+    """The flavour that a YAML file describes; raises an InputError that names the file if it is wrong."""
     example = "a mapping with joints (pelvis: Hips, left_hip: LeftUpLeg, ...)"
     values = read_yaml(path, noun="flavour file", example=example)
     try:
@@ -175,9 +175,9 @@ class Flavour:
 
     name: str
     joints: Mapping[str, Source]
-    """Canonical joint -> source."""
+    """The source of each canonical joint."""
     lost_bones: Mapping[str, tuple[str, str, float]] = field(default_factory=dict)
-    """Joint whose zero offset betrays a lost bone -> (joint to move, joint whose offset is the model, factor)."""
+    """By the joint whose zero offset betrays a lost bone: the joint to move, the joint whose offset is the model, and a factor."""
     cmu_units: bool = False
     """Whether such files may be in the units of the CMU database, 0.05644 m."""
 
@@ -206,7 +206,7 @@ def flavours() -> Mapping[str, Flavour]:
 
 
 def register_flavour(name: str, joints: Mapping[str, Source]) -> Flavour:
-    """Add (or replace) a naming flavour; `load_motion` detects it from then on."""
+    """Add (or replace) a naming flavour for `load_motion` to detect; raises an InputError if joints are unknown or missing."""
     text("name", name)
     instance("joints", joints, Mapping, "a mapping of canonical joints to the file's names")
     flavour = Flavour(name=name, joints=dict(joints))
@@ -235,8 +235,8 @@ def detect_flavour(names: tuple[str, ...], parents: tuple[int, ...]) -> Flavour 
 def chosen_flavour(
     name_or_path: str, spellings: Sequence[tuple[str, ...]], parents: tuple[int, ...]
 ) -> tuple[Flavour, tuple[str, ...]]:
-    """The flavour that the user wants, a registered name or a YAML file, and that of several spellings of the file's names which it
-    fits; an InputError where it fits none."""
+    """The flavour that the user wants, a registered name or a YAML file, and the first of several spellings of the file's names
+    that it fits; raises an InputError if it fits none."""
     if name_or_path not in _registry() and not name_or_path.lower().endswith((".yaml", ".yml")):
         raise InputError(
             f"flavour {shown(name_or_path)} is unknown; choose one of {', '.join(_registry())}, give a flavour file (.yaml) or "
@@ -254,13 +254,13 @@ def chosen_flavour(
 
 
 def _absent(flavour: Flavour, names: Sequence[str]) -> list[str]:
-    """Joints of a flavour that names lack; optional ends may."""
+    """Joints that a flavour needs and that are not among the names; optional ends are not needed."""
     needed = [source for name, source in flavour.joints.items() if name not in OPTIONAL_JOINTS]
     return [name for source in needed for name in _names(source) if name not in names]
 
 
 def nearest_flavour(names: Sequence[str]) -> tuple[Flavour, list[str]]:
-    """The flavour of bones whose parents the file does not tell, and what they lack of it."""
+    """The flavour of which the names lack fewest joints, for files that tell no parents, and the joints that they lack."""
     best = min(
         reversed(_registry().values()), key=lambda kind: (len(_absent(kind, names)), -len(_sources(kind) & set(names)))
     )
@@ -268,7 +268,7 @@ def nearest_flavour(names: Sequence[str]) -> tuple[Flavour, list[str]]:
 
 
 def misfit(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> str:
-    """What keeps a file from being of a flavour, in words; empty if it is. Optional ends may lack."""
+    """A clause that says why a file is not of a flavour; empty if it is. Optional ends may be absent."""
     absent = _absent(flavour, names)
     if absent:
         first_absent = [f"{name:.60}" for name in absent[:8]]
@@ -283,8 +283,8 @@ def canonical(
     rotations: np.ndarray,
     offsets: np.ndarray | None = None,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Positions (T, 3) and orientations (T, 4) by canonical name, in canonical order, of joints (T, N, 3) and (T, N, 4); absent
-    feet are left out, and ends without an offset (N, 3)."""
+    """Positions (T, 3) and orientations (T, 4) by canonical name, in canonical order, from those of the file, (T, N, 3) and
+    (T, N, 4). Feet that the flavour lacks are left out, and optional ends that are absent or whose offset (N, 3) is 0."""
     index = {name: i for i, name in enumerate(names)}
     points: dict[str, np.ndarray] = {}
     orientations: dict[str, np.ndarray] = {}
@@ -338,7 +338,7 @@ def _names(source: Source) -> tuple[str, ...]:
 
 
 def _hangs_together(flavour: Flavour, names: tuple[str, ...], parents: tuple[int, ...]) -> bool:
-    """Do legs and arms hang in order? (LeftShoulder may be a collar or an upper arm.)"""
+    """Whether the joints of legs and arms hang below one another: LeftShoulder may be a collar or an upper arm."""
     above = {name: names[parent] if parent >= 0 else None for name, parent in zip(names, parents, strict=True)}
     for chain in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")):
         for side in ("left", "right"):

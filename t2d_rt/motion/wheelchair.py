@@ -1,4 +1,4 @@
-"""A person who sits in a wheelchair, and where that is."""
+"""Seat a person in a wheelchair that goes the way of a walk, with hands that push its rims."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from t2d_rt.types.carried import RIM_M, WHEEL_M
 from t2d_rt.types.motion import Motion
 
 SEATED_TRUNK = 0.15
-"""Part of the trunk's movement in the gait that is left of it in a wheelchair."""
+"""Part of the trunk's movement in the gait that remains in a wheelchair."""
 PUSH_RAD, CYCLE_RAD, PUSH_FROM_RAD = (0.6, 1.3), 2.9, -0.45
-"""Angles by which a wheel rolls in a push, at least and at most, and from one push to the next, and where the hand grasps the rim,
-from its top forward, if the arm reaches so: at 1 m/s pushes of up to 0.4 s, 1.1 a second."""
+"""Least and greatest angle by which a wheel rolls in a push, angle from one push to the next, and angle forward of the rim's top at
+which the hand grasps it if the arm reaches: at 1 m/s there are 1.1 pushes a second of up to 0.4 s."""
 TOP_ELBOW_RAD, RIM_STRAIGHT = np.radians(105.0), 0.97
 """Angle between upper arm and forearm with the hand at the rim's top, to which the seat is fitted (100 to 120 degrees: Consortium
 for Spinal Cord Medicine, Preservation of Upper Limb Function, 2005), and greatest length of the arm over that of its bones."""
 RIM_HAND_RAD = np.pi / 6
-"""How far forward of straight down fingers on a rim point."""
+"""Angle by which fingers on a rim point forward from straight down."""
 SHIN_AHEAD_M, FOOTREST_M = 0.05, 0.05
 """How far ankles are ahead of knees that are level with the hips, and least height of a footrest [m]."""
 PATH_HZ = 0.25
-"""Cut-off of the way of a wheelchair: a pelvis sways once a stride."""
+"""Cut-off frequency that smooths the pelvis's track to a wheelchair's: a pelvis sways once in a stride."""
 ROLLS_MPS, RISE = (0.1, 0.3), 0.12
-"""Speeds from which on a wheelchair points along its way, in part and wholly [m/s]; greatest rise and fall of the pelvis in the
-walk whose way it goes, over stature."""
+"""Speeds at which a wheelchair begins to point along its track, and fully does [m/s]; greatest range of the pelvis's height in the
+walk, over stature."""
 
 
 def wheelchair(person: Person, wish: Wish, _: str) -> Place:
-    """A wheelchair on whose seat the person sits (`_seated`), its footrest below the feet."""
+    """The place of a wheelchair in which the person sits already (`seated`), with its footrest below the feet."""
     hips, feet = (0.5 * (person.points[f"left_{name}"] + person.points[f"right_{name}"]) for name in ("hip", "foot"))
     anatomy = Anatomy(person.poses.skeleton)
     ahead_m = float(np.mean(((feet - hips) * person.ahead(X)).sum(axis=1))) - 0.25 * anatomy.foot_m
@@ -52,7 +52,7 @@ def wheelchair(person: Person, wish: Wish, _: str) -> Place:
 
 
 def _rolling(motion: Motion, person: Person) -> tuple[np.ndarray, np.ndarray]:
-    """Way (T, 3) [m] of a wheelchair on the floor and its orientation (T, 4), along the way wherever it moves."""
+    """Track (T, 3) [m] of a wheelchair on the floor and its orientation (T, 4), along the track wherever it moves."""
     path, ahead = path_of(person, PATH_HZ), person.ahead(X)
     velocity = np.gradient(path, 1 / motion.rate_hz, axis=0)
     speed = norms(velocity)[:, None]
@@ -73,7 +73,10 @@ def _rolling(motion: Motion, person: Person) -> tuple[np.ndarray, np.ndarray]:
 
 
 def seated(motion: Motion, person: Person, wish: Wish) -> tuple[Motion, Person]:
-    """The person in a wheelchair that goes the way of the motion; feet on the footrest, hands that push the rims and come back."""
+    """The motion and the person in a wheelchair that goes the same way, with feet on the footrest and hands that push the rims.
+
+    Raises an InputError if the motion is not a forward walk or run, or if hands or feet do not reach.
+    """
     poses, anatomy = person.poses, Anatomy(person.poses.skeleton)
     path, heading = _rolling(motion, person)
     person = replace(person, heading=heading)
@@ -110,7 +113,7 @@ def seated(motion: Motion, person: Person, wish: Wish) -> tuple[Motion, Person]:
 
 
 def _turned(poses: Poses, joint: str, axes: np.ndarray) -> Poses:
-    """Poses in which a hand or foot has an orientation (T, 4) in space."""
+    """Poses in which a hand or foot has the given orientation (T, 4) in space."""
     local = poses.local.copy()
     above = poses.world()[1][:, INDEX[PARENT_NAMES[joint]]]
     local[:, INDEX[joint]] = quaternions.multiply(quaternions.conjugate(above), axes)
@@ -119,36 +122,36 @@ def _turned(poses: Poses, joint: str, axes: np.ndarray) -> Poses:
 
 @dataclass(frozen=True, slots=True)
 class _Rims:
-    """Where hands hold the rims of a wheelchair, and from where arms reach for them."""
+    """The rims of a wheelchair, and the shoulders from which arms reach for them."""
 
     person: Person
     path: np.ndarray
-    """Of the chair on the floor [m], (T, 3)."""
+    """Track (T, 3) [m] of the chair on the floor."""
     out_m: float
     """Half the distance between the rims."""
     shoulders: dict[str, np.ndarray]
-    """From the floor below the chair, for a seat as high as the floor, in its frame [m], (T, 3) by side."""
+    """Positions (T, 3) [m] of the shoulders by side, in the frame of a chair whose seat is at the height of the floor."""
 
     @classmethod
     def of(cls, poses: Poses, person: Person, path: np.ndarray, width_m: float) -> _Rims:
-        """Of poses whose hips' middle lies on the floor."""
+        """The rims for poses whose hips' middle lies on the floor."""
         joints, back = poses.world()[0], quaternions.conjugate(person.heading)
         raised = Anatomy(poses.skeleton).seat_m * Z
         at = {side: quaternions.rotate(back, joints[:, INDEX[f"{side}_shoulder"]] - path) + raised for side in SIDES}
         return cls(person, path, width_m / 2, at)
 
     def local(self, side: str, angle: np.ndarray) -> np.ndarray:
-        """Wrists (T, 3) [m] in the chair's frame, of hands at angles (T,) on the rim, from its top forward."""
+        """Positions (T, 3) [m] of the wrist in the chair's frame, for angles (T,) of the hand on the rim, forward of its top."""
         fingers = quaternions.rotate(hanging_hand(side, RIM_HAND_RAD), SIGN[side] * Y)
         rim = [RIM_M * np.sin(angle), 0 * angle + SIGN[side] * self.out_m, RIM_M * np.cos(angle) + WHEEL_M]
         return np.stack(rim, axis=-1) - GRIP * self.person.stature_m * fingers
 
     def wrist(self, side: str, angle: np.ndarray) -> np.ndarray:
-        """The same in space."""
+        """The same positions (T, 3) [m] in space."""
         return self.path + quaternions.rotate(self.person.heading, self.local(side, angle))
 
     def fitting_seat_m(self) -> float:
-        """Height of the seat at which elbows have `TOP_ELBOW_RAD` with hands at the top of the rims, as far as seats go."""
+        """Height [m] of the seat, within its range, at which elbows have `TOP_ELBOW_RAD` with hands at the top of the rims."""
         heights_m = []
         for side, shoulder in self.shoulders.items():
             first, second = self.person.arm_m(side)
@@ -159,7 +162,8 @@ class _Rims:
         return float(np.clip(np.mean(heights_m), least_m, greatest_m))
 
     def arc(self, seat_m: float) -> tuple[float, float]:
-        """Angle at which hands grasp the rims and angle of a push [rad], the longest up to `PUSH_RAD` whose way arms reach bent."""
+        """Angle at which hands grasp the rims and angle of the longest push within `PUSH_RAD` that bent arms reach [rad]; raises an
+        InputError if there is none."""
         angles, reached = np.linspace(-1.5, 1.5, 301), np.ones(301, bool)
         for side, shoulder in self.shoulders.items():
             off = norms(self.local(side, angles)[:, None] - shoulder - seat_m * Z)
@@ -179,7 +183,7 @@ class _Rims:
 def pushing(rolled_rad: np.ndarray, first_rad: float, push_rad: float) -> np.ndarray:
     """Angle (T,) on the rim, from its top forward, of a hand that pushes a wheel which has rolled by (T,) [rad].
 
-    In a push from `first_rad` on it moves with the rim; back it goes by the quintic that keeps speed and acceleration at both ends.
+    In a push from `first_rad` on it moves with the rim; it returns by the quintic that keeps speed and acceleration at both ends.
     """
     phase = np.mod(rolled_rad, CYCLE_RAD)
     back = CYCLE_RAD - push_rad

@@ -1,4 +1,4 @@
-"""`save_motion`: a motion as a BVH file that this package, Blender and others read."""
+"""Write a motion as a BVH file (`save_motion`), which this package, Blender and other programs read."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from t2d_rt.types.motion import OPTIONAL_JOINTS, Motion, checked_motion
 
 
 def bvh_names() -> dict[str, str]:
-    """What each joint is called in the file: Mixamo's names, which animation programs know, and the lower back of the CMU files."""
+    """Names of the joints in the file: Mixamo's, which animation programs know, and the lower back's in the CMU files."""
     return sided(tables()["flavours"]["mixamo"]["joints"]) | {LOWER_BACK: "LowerBack"}
 
 
 def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) -> None:
     """Write a motion as a .bvh file: centimetres, y up, a T-pose at rest, Mixamo's joint names.
 
-    A BVH's bones have constant lengths, so joints whose bones change length in the motion move by as much (of recorded ones about
-    1 mm). Read back, positions are the same within 0.1 mm beside that, and in height by where the reader finds the floor.
+    Bones of a BVH file have constant lengths, so joints whose bones change length in the motion move by as much (about 1 mm in
+    recordings). Read back, positions differ by no more than 0.1 mm beside that, and in height by where the reader finds the floor.
+    Raises an InputError if the path does not end in .bvh, is a folder, or exists and `overwrite` is not set.
     """
     checked_motion(motion)
     target = check_target(path, overwrite=overwrite)
@@ -40,7 +41,7 @@ def save_motion(motion: Motion, path: str | Path, *, overwrite: bool = False) ->
 
 
 def check_target(path: str | Path, *, overwrite: bool) -> Path:
-    """A path that a motion can be written to."""
+    """The path, if a motion can be written to it; raises an InputError otherwise."""
     flag("overwrite", overwrite)
     target = file_path("path", path)
     if target.suffix.lower() != ".bvh":
@@ -52,7 +53,7 @@ def check_target(path: str | Path, *, overwrite: bool) -> Path:
 
 
 def bvh_text(motion: Motion) -> str:
-    """The BVH file's text: frames (x, y, z) of the motion become (z, x, y) of the file, cyclically, so that y is up."""
+    """The text of a BVH file: the axes x, y, z of the motion become z, x, y of the file, so that y is up."""
     poses = poses_of(motion)
     lines = ["HIERARCHY"]
     offsets = 100.0 * poses.skeleton.offsets[:, [1, 2, 0]]
@@ -70,7 +71,7 @@ def bvh_text(motion: Motion) -> str:
 def _joint(
     lines: list[str], order: list[int], joint: int, offsets: np.ndarray, called: Mapping[str, str], indent: str = ""
 ) -> None:
-    """Lines of a joint and of those below it; ends that the motion lacks are not among those that are called anything."""
+    """Appends the lines of a joint and of those below it; ends that the motion lacks are not in `called` and are left out."""
     name = NAMES[joint]
     order.append(joint)
     channels = "6 Xposition Yposition Zposition" if joint == 0 else "3"
@@ -100,7 +101,7 @@ def _degrees(rotation: np.ndarray) -> np.ndarray:
     about_x = np.arcsin(sine)
     about_z = np.arctan2(-2 * (x * y - z * w), 1 - 2 * (x * x + z * z))
     about_y = np.arctan2(-2 * (x * z - y * w), 1 - 2 * (x * x + y * y))
-    # Looking straight along the pole, z and y turn about one axis: all of it goes to z.
+    # At the pole, z and y turn about one axis: the whole angle is given to z.
     pole = np.abs(sine) > 1 - 1e-12
     about_z = np.where(pole, np.arctan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z)), about_z)
     about_y = np.where(pole, 0.0, about_y)
