@@ -1,1 +1,1 @@
-"""Scattering models; each returns `Echoes`."""
+"""Scattering models of targets and of the static scene; each makes a `Scatterer`, which returns echoes."""

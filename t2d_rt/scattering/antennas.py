@@ -1,4 +1,4 @@
-"""What arrays and directional antennas add to echoes: points to measure delays from, gain over direction."""
+"""What arrays and directional antennas add to echoes: apparent positions, which give an array's delays, and gain over direction."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from t2d_rt.types import EchoArrays, Radar
 def seen_by(
     radar: Radar, echoes: EchoArrays, departure_m: np.ndarray, arrival_m: np.ndarray | None = None
 ) -> EchoArrays:
-    """`echoes` as the radar's antennas see them, from their apparent positions (T, N, 3) [m]; those of the receivers are the
-    transmitters' where they are not given."""
+    """Echoes as the radar's antennas see them: times the antenna factor of a directional radar, and for an array with their
+    apparent positions `departure_m` and `arrival_m` (T, N, 3) [m]. Without `arrival_m` the receivers see them where the
+    transmitters do."""
     amplitude, slope = echoes.amplitude, echoes.slope
     if radar.directional:
         outward = (
@@ -35,7 +36,7 @@ def seen_by(
 
 
 def concatenated(parts: list[EchoArrays]) -> EchoArrays:
-    """Different echoes at the same frames."""
+    """Joins echoes of the same frames along the echo axis; raises InputError if only some of them have apparent positions."""
     if len(parts) == 1:
         return parts[0]
     parts = [p if p.slope is not None else p._replace(slope=np.zeros_like(p.amplitude)) for p in parts]
@@ -51,7 +52,7 @@ def concatenated(parts: list[EchoArrays]) -> EchoArrays:
 
 
 def _joint(fields: Sequence[np.ndarray]) -> np.ndarray:
-    """Arrays (T, N, ...) side by side along their second axis."""
+    """Joins arrays (T, N, ...) along their second axis."""
     first = fields[0]
     out = reused_empty((len(first), sum(field.shape[1] for field in fields), *first.shape[2:]), np.result_type(*fields))
     return np.concatenate(fields, axis=1, out=out)

@@ -23,18 +23,19 @@ from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
 TEST_WAVELENGTHS, TEST_RATE_HZ = 4.0, 10.0
-"""Distance of the points [wavelengths] and rate [Hz] at which facets are tested for whether their reflected rays ever meet a
-target; the facets beside those that do are taken, too."""
+"""Spacing of the points [wavelengths] and rate [Hz] at which facets are tested for whether their reflected rays ever meet a target;
+the facets beside those that do are taken, too."""
 KEPT_BYTES = 500e6
-"""Tubes of sample times are kept, the last used ones, in so much memory; others are traced again."""
+"""Memory [bytes] for the tubes of the sample times that were used last; those of other times are traced again."""
 TUBE_BYTES = 4_000
-"""Memory that tracing takes for each triangle of the lattice, which has four tubes and as many finer ones."""
+"""Memory [bytes] that tracing takes for each triangle of the lattice, with its four tubes and the finer ones."""
 SWEEP_CYCLES = 0.4
 """Greatest change over the sweep of the phase between two sides of a cell [cycles]."""
 Scene = Callable[[np.ndarray, np.ndarray], RayTracer]
-"""The tracer of vertices (V, 3) m and triangles (F, 3)."""
+"""Function that gives the ray tracer of a mesh with vertices (V, 3) [m] and triangles (F, 3)."""
 Unblocked = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Fraction of the field over paths out to points (N, 3) m and back from points (N, 3) m that the static scene leaves, (N,)."""
+"""Function that gives the fraction (N,) of the field that the static scene does not block, over paths out to points (N, 3) [m] and
+back from points (N, 3) [m], at times (N,) [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +47,8 @@ class TubeDetail:
     spacing: float = 2.0
     """Longest edge of ray tubes on the first surface [wavelengths], before they are made finer where they have to be."""
     cell_m: float = 0.02
-    """Greatest size of the cells of the surfaces; tubes between the same cells return as one echo [m]. At twice a walk's surface
-    rate interpolation errs by -15 dB with 3 cm, by -23 dB with 2 cm."""
+    """Greatest size of the cells of the surfaces [m]; tubes between the same cells return one echo. At twice a walk's surface rate
+    interpolation errs by -15 dB with 3 cm, by -23 dB with 2 cm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,12 +59,12 @@ class Setting:
     scene: Scene
     backend: Backend
     unblocked: Unblocked | None = None
-    """None in free space."""
+    """What the static scene does not block; None in free space."""
     memory: MemoryLimit | None = None
-    """What a run may take."""
+    """Limit on the memory of a run; None: it is not checked."""
 
     def lattice(self, reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Lattice:
-        """`reflectors.lattice`, where the memory suffices for the tubes that start on it."""
+        """`reflectors.lattice`; raises InputError if the tubes that start on it would take too much memory."""
         if self.memory is not None:
             count = lattice_size(reflectors, faces, spacing_m)
             remedy = "leave large surfaces out of the targets (a wall belongs to a scene), or take bounces=1"
@@ -79,8 +80,8 @@ def bounce_echoes(
     samples_s: np.ndarray,
     detail: TubeDetail,
 ) -> Scatterer:
-    """Echoes of 2 to `detail.bounces` bounces at frames `times_s`, of tubes that are traced at `samples_s` and ride on the surfaces
-    in between, each set fading into the next."""
+    """Echoes of 2 to `detail.bounces` bounces at surface frames `times_s` (T,) [s]. Ray tubes are traced at `samples_s` (S,) [s];
+    in between, their points move with the surfaces, and each set of tubes fades into the next."""
     model = _Model.of(Reflectors(reflectors), setting, samples_s, detail)
     samples = _Samples(model, samples_s)
     groups = samples.groups()
@@ -108,7 +109,7 @@ class _Model:
 
     @classmethod
     def of(cls, reflectors: Reflectors, setting: Setting, samples_s: np.ndarray, detail: TubeDetail) -> _Model:
-        """A model with a lattice on the facets whose reflected rays ever meet a target."""
+        """A model with a lattice on the facets whose reflected rays ever meet a target, and on those beside them."""
         wavelength = setting.radar.wavelength_m
         size_m = min(detail.cell_m, SWEEP_CYCLES * SPEED_OF_LIGHT / (2 * setting.radar.bandwidth_hz))
         test_lattice = setting.lattice(reflectors, np.arange(len(reflectors.faces)), TEST_WAVELENGTHS * wavelength)
@@ -122,7 +123,7 @@ class _Model:
         return replace(empty, lattice=setting.lattice(reflectors, beside, detail.spacing * wavelength))
 
     def instants(self, times_s: np.ndarray) -> Iterator[Instant]:
-        """The targets at some times."""
+        """The targets in their poses at times (K,) [s], one after another."""
         radar = self.setting.radar
         for block_s in blocks(times_s, self.reflectors.vertex_count):
             for vertices in self.reflectors.at(block_s):
@@ -136,11 +137,11 @@ class _Model:
                 )
 
     def frames(self, times_s: np.ndarray) -> Frames:
-        """The targets at some frames."""
+        """The targets at surface frames `times_s` (K,) [s]."""
         return Frames.of(self.reflectors, times_s, self.setting.radar, self.setting.backend)
 
     def sample(self, time_s: float) -> list[TubeSample]:
-        """Tubes at a time, by the number of bounces from 2."""
+        """Tubes at one time [s]: a sample for each number of bounces, from 2 on."""
         (instant,) = self.instants(np.array([time_s]))
         return [
             TubeSample.of(self._unblocked(time_s, instant, traced_tubes(instant, self.lattice, bounces)), self.cells)
@@ -148,8 +149,8 @@ class _Model:
         ]
 
     def _unblocked(self, time_s: float, instant: Instant, tubes: Tubes) -> Tubes:
-        """Fraction of the field of tubes that the static scene leaves, taken at one tube for each pair of cells where tubes start
-        and end."""
+        """Tubes, times the fraction of the field that the static scene does not block; this is found for one tube for each pair of
+        cells where tubes start and end."""
         if self.setting.unblocked is None or not len(tubes.factor):
             return tubes
         corner = tubes.nodes[:, 0]
@@ -170,7 +171,7 @@ class _Samples:
         self._held: OrderedDict[int, list[TubeSample]] = OrderedDict()
 
     def at(self, number: int) -> list[TubeSample]:
-        """Samples by the number of bounces from 2."""
+        """Tubes at the sample time of that number: a sample for each number of bounces, from 2 on."""
         if number not in self._held:
             self._held[number] = self.model.sample(float(self.times_s[number]))
             while (
@@ -182,7 +183,7 @@ class _Samples:
         return self._held[number]
 
     def groups(self) -> Groups:
-        """The groups of the whole record."""
+        """Groups of the tubes of all sample times."""
         samples: list[TubeSample] = []
         powers: list[np.ndarray] = []
         for number, time_s in enumerate(self.times_s):
@@ -195,7 +196,7 @@ class _Samples:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TubeScatterer(Scatterer):
-    """Groups of ray tubes."""
+    """Groups of ray tubes, which return one echo each."""
 
     samples: _Samples
     groups: Groups
@@ -227,7 +228,7 @@ class TubeScatterer(Scatterer):
                 column = of_bounces.columns(sample.codes)
                 for into, sums in zip((field, change), posed.sums(sample, column, carriers_m, frames), strict=True):
                     into[frames[:, None], first + column[column >= 0]] += (sums * weight).T
-        # As E in eq. 3.
+        # The factor before the sum of eq. 31.
         scale = -1j * radar.link_amplitude * math.sqrt(4 * math.pi) / radar.wavelength_m
         per_hz = scale / radar.mid_frequency_hz
         arrays = EchoArrays(delay, (scale * field).astype(np.complex64), (per_hz * change).astype(np.complex64))
@@ -237,8 +238,8 @@ class TubeScatterer(Scatterer):
 
 
 def _faded(times_s: np.ndarray, samples_s: np.ndarray) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """By the number of a sample: frames that it counts at (K,), and its weight there (K,), which fades smoothly from one sample to
-    the next."""
+    """By the number of a sample: the frames (K,) at which its tubes count, and their weights there (K,), which fade smoothly from
+    one sample to the next."""
     if len(samples_s) == 1:
         return {0: (np.arange(len(times_s)), np.ones(len(times_s)))}
     position = np.interp(times_s, samples_s, np.arange(len(samples_s)))

@@ -1,4 +1,4 @@
-"""Echoes of the static scene: mirrors' by Friis' equation, rough points' by the radar equation (docs/physics.md, eq. 26)."""
+"""Echoes of the static scene: of mirrors by Friis' equation, of rough surfaces by the radar equation (docs/physics.md, eq. 26)."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from t2d_rt.types.path_fields import SweepNodes, received
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 StaticEchoes = EchoArrays | Callable[[np.ndarray], EchoArrays]
-"""Of N paths (N, ...), or as a function of times [s] (T,), (T, N, ...)."""
+"""Echoes of N paths as arrays (N, ...), or a function that gives them as arrays (T, N, ...) at times (T,) [s]."""
 
 
 def mirror_echoes(
     paths: Sequence[StaticPath], radar: Radar, *, times_s: np.ndarray, fractions: Fraction | None = None
 ) -> StaticScatterer:
-    """One echo of each path at surface frames `times_s`, of which `fractions` are not occluded."""
+    """One echo for each path at surface frames `times_s` (T,) [s], times the fraction of its field that targets do not occlude."""
     moves = any(path.at is not None for path in paths)
     echoes = partial(_mirrored, paths, radar) if moves else _mirrored(paths, radar)
     return _standing(echoes, times_s, fractions, [path.name for path in paths])
 
 
 def _mirrored(paths: Sequence[StaticPath], radar: Radar, times_s: np.ndarray | None = None) -> EchoArrays:
-    """Echoes (N,) of N paths; (T, N) at times [s] (T,) of a radar that moves."""
+    """Echoes of N paths as arrays (N,), or as arrays (T, N) at times (T,) [s] of a radar that moves."""
     if times_s is not None:
         paths = [path if path.at is None else path.at(times_s) for path in paths]
     departure, arrival = (
@@ -64,7 +64,8 @@ def rough_echoes(
     seed: int,
     fractions: Fraction | None = None,
 ) -> StaticScatterer:
-    """One echo of random phase of each point (Q, 3) at surface frames `times_s`, of which `fractions` are not occluded."""
+    """One echo of random phase for each point (Q, 3) [m] with RCS (Q,) [m^2] at surface frames `times_s` (T,), times
+    `fractions`."""
     phase = 2 * math.pi * np.random.default_rng(seed).random(len(points_m))
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
     amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)
@@ -88,12 +89,12 @@ def _standing(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StaticScatterer(Scatterer):
-    """Echoes of the static scene, times the fractions that are not occluded."""
+    """Echoes of the static scene, times the fractions that targets do not occlude."""
 
     static: StaticEchoes
-    """A function of times for a radar that moves."""
+    """The echoes without occlusion; for a radar that moves, a function of the times."""
     unblocked: Fraction | None
-    """Fractions that are not occluded, (K, N)."""
+    """Fractions of the fields that targets do not occlude, (K, N); None: nothing is occluded."""
     names: Sequence[str]
     """Names of the paths, (N,)."""
 

@@ -8,9 +8,9 @@ at the edge's midpoint exceeds the mean of the edge's ends by. With l the baryce
 
 exp(jb) = exp(jc) exp(jx) with x = b - c, c a constant near the mean of b, is expanded in x to second order, or to first order
 with the second-order term replaced by its mean over the triangle. That costs much less, and is nearly as good where the phases
-of the corners differ by a few rad at most; such facets return most of a body's power. Error of I relative to (a0 + a1 + a2)/6
-divided by the widest difference of the p_i where that exceeds 1 rad, root mean square over random a_i in 0..1, random p_i of
-standard deviation 3 rad and random q_ij of one sign, by the greatest |b| on the facet:
+of the corners differ by a few rad at most; such facets return most of a body's power. The table gives the error of I relative to
+(a0 + a1 + a2)/6, divided by the widest difference of the p_i where that exceeds 1 rad. It is the root mean square over random a_i
+in 0..1, random p_i of standard deviation 3 rad and random q_ij of one sign, by the greatest |b| on the facet:
 
     greatest |b| [rad]      0.25      0.5       1         2
     constant only           0.13      0.25      0.51      0.99
@@ -46,8 +46,8 @@ from t2d_rt.scattering.phase_integral import (
 
 Order = Literal[1, 2]
 
-# Phase differences from which integrals are computed from the first to the last, which loses k!/d^k; below, from the last to the
-# first, which starts with a series of SERIES_TERMS.
+# By the order, the phase difference from which the recurrence of the integrals runs upwards, which loses k!/d^k of precision; below
+# it, the recurrence runs downwards from a series of SERIES_TERMS terms.
 SWITCH_RAD = {1: 2.0, 2: 3.0}
 
 EXPANSION_ORDER: Order = 2
@@ -62,12 +62,12 @@ TINY = 1e-30
 
 
 class Node(NamedTuple):
-    """Corner of a facet."""
+    """Corner of a facet, with its phase [rad] and amplitude."""
 
     phase: Any
     amplitude: Any
     opposite: Any
-    """Bubble of the edge between the other two."""
+    """Bubble [rad] of the edge between the other two corners."""
 
 
 class Averages(NamedTuple):
@@ -82,7 +82,7 @@ class Averages(NamedTuple):
 
 
 class MiddlePhaseLine(NamedTuple):
-    """The line of the middle phase."""
+    """The line on which the phase is that of the middle corner, exp(j phase) there, and averages along it."""
 
     exponential: Parts
     plain: Averages
@@ -95,10 +95,10 @@ class MiddlePhaseLine(NamedTuple):
 
 
 def curved_integral(phases: Any, amplitudes: Any, bubbles: Any, order: Order = 2) -> np.ndarray:
-    """I for phases [rad] and amplitudes of corners 0, 1, 2 and bubbles [rad] of edges 01, 12, 20, arrays (3, ...) of one shape.
+    """The integral I from phases [rad] and amplitudes of corners 0, 1, 2 and bubbles [rad] of edges 01, 12, 20, arrays (3, ...).
 
-    Complex of the arguments' precision: float32 ones give a float32 computation. For amplitude 1 and no bubbles it is
-    `phase_integral.divided_difference`.
+    The result is complex, of the arguments' precision: float32 arguments give a float32 computation. With amplitude 1 and no
+    bubbles it is `phase_integral.divided_difference`. Raises InputError if the shapes differ or if `order` is neither 1 nor 2.
     """
     integer("order", order, 1, 2)
     arguments = [numeric(*x) for x in (("phases", phases), ("amplitudes", amplitudes), ("bubbles", bubbles))]
@@ -112,10 +112,10 @@ def curved_integral(phases: Any, amplitudes: Any, bubbles: Any, order: Order = 2
 
 
 def facet_integral(phases: Sequence[Any], amplitudes: Sequence[Any], ops: Ops) -> tuple[Parts, Parts]:
-    """Integral of amplitude times exp(j phase) over a facet, and its derivative by the logarithm of the frequency, in float32.
+    """Integral of amplitude times exp(j phase) over a facet, and its derivative as in `curved_integrals`, in float32.
 
-    `phases` [rad] are those of three corners, between which the one amplitude is the mean, or of the corners and of the middles of
-    edges 01, 12, 20 of a curved facet, with an amplitude at each corner.
+    `phases` [rad] are those of the three corners of a flat facet, which has one amplitude, or those of the corners and of the
+    middles of edges 01, 12, 20 of a curved facet, which has an amplitude at each corner.
     """
     terms = SERIES_TERMS[4]
     if len(phases) == 3:
@@ -167,7 +167,7 @@ def curved_integrals(
 
 
 def _sorted_by_phase(nodes: list[Node], ops: Ops) -> list[Node]:
-    """Corners in order of phase, each with what belongs to it."""
+    """Corners in ascending order of phase, each with its amplitude and its opposite bubble."""
     nodes = list(nodes)
     for i in (0, 1, 0):
         swap = nodes[i].phase > nodes[i + 1].phase
@@ -178,7 +178,7 @@ def _sorted_by_phase(nodes: list[Node], ops: Ops) -> list[Node]:
 
 
 def _mean_square(bubbles: Sequence[Any]) -> Any:
-    """Mean of x^2 over the facet, from those of l0 l1, 1/12, of its square, 1/90, and of l0 l1 l1 l2, 1/180."""
+    """Mean of x^2 over the facet (eq. 30), from the means of l0 l1, 1/12, of its square, 1/90, and of l0 l1 l1 l2, 1/180."""
     first, second, third = bubbles
     total = first + second + third
     pairs = first * (second + third) + second * third
@@ -287,7 +287,7 @@ def _power_integrals(exp_corner: Parts, exp_line: Parts, d: Any, ops: Ops, terms
 
 
 def _sum_of_products(real: list[Any], imag: list[Any], integrals: list[Parts], ops: Ops) -> Parts:
-    """Sum of (real_k + j imag_k) integral_k; fewer coefficients than integrals have the first of them."""
+    """Sum of (real_k + j imag_k) integral_k over as many k as there are coefficients; further integrals do not count."""
     total: Parts = 0.0, 0.0
     for x, (re, im) in zip(real, integrals, strict=False):
         total = ops.fma(x, re, total[0]), ops.fma(x, im, total[1])

@@ -23,11 +23,11 @@ FORWARD = 0.08, 0.2
 """An echo fades in between these lengths of the sum of the unit vectors to both antennas; at 0 the ellipsoid lies on the line
 between them."""
 REACH_FRAMES = 48
-"""Number of frames about those in which an echo is visible at which its delay must be right, too: a window of the sum and the
-splines around it."""
+"""Number of frames before and after those in which an echo is visible at which its delay must be right, too: the length of a window
+of the sum and of the splines around it."""
 CONVERGED_RAD, MOST_STEPS = 1e-6, 40
-"""Newton's steps end with a rotation of the normal below this [rad], as the path's error is of second order, or after so many; only
-echoes that have nearly faded out take many."""
+"""Newton's method ends when a step rotates the normal by less than the first [rad], since the error of the path is of second order,
+or after the second number of steps; only echoes that have nearly faded out take many."""
 PhaseFrom = Literal["specular", "centre"]
 
 
@@ -42,12 +42,12 @@ def ellipsoid_echoes(
     target: int = 0,
     at_instants: bool = False,
 ) -> EllipsoidScatterer:
-    """One echo per ellipsoid and view at surface frames `times_s`; ellipsoids do not occlude one another.
+    """One echo for each ellipsoid and view at surface frames `times_s` (T,) [s]; ellipsoids do not occlude one another.
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
-    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give
-    the path pairs and the visibility of each ellipsoid over them, `target` is their number among the targets; frames may be
-    instants unrelated to one another.
+    Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give the
+    path pairs and the visibility of each ellipsoid over them, and `target` is their number among the targets. With `at_instants`
+    the frames are instants unrelated to one another.
     """
     return EllipsoidScatterer(
         times_s=times_s,
@@ -68,14 +68,14 @@ def ellipsoid_echoes(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EllipsoidScatterer(Scatterer):
-    """Ellipsoids, one echo each over each of some path pairs."""
+    """Ellipsoids, which return one echo each over each of some path pairs."""
 
     target: int
     ellipsoids: Ellipsoids
     radar: Radar
     views: tuple[PathVisibility, ...]
     reflection: np.ndarray
-    """conj(Gamma) of each ellipsoid (N,)."""
+    """conj(Gamma) of each ellipsoid, (N,)."""
     phase_from: PhaseFrom
     at_instants: bool = False
     """Whether frames are instants unrelated to one another."""
@@ -105,7 +105,7 @@ class EllipsoidScatterer(Scatterer):
         radar, views, count = self.radar, self.views, len(self.ellipsoids.semi_axes_m)
         centres, axes = poses[self.target]
         shown, near = _shown(views, block, seen, count)
-        # An echo over each view, whose antennas stand in places of its own; one that is dark is where the centre is.
+        # There is an echo over each view, whose antennas stand in places of its own; dark ones have the delay of the centre.
         tiled, axes = np.tile(centres, (1, len(views), 1)), np.tile(axes, (1, len(views), 1, 1))
         places = [PairPlaces.of(radar, view.paths).at(block.times_s).ends_m for view in views]
         tx, rx = (
@@ -114,7 +114,7 @@ class EllipsoidScatterer(Scatterer):
         )
         path = np.linalg.norm(tiled - tx, axis=-1) + np.linalg.norm(tiled - rx, axis=-1)
         field = np.zeros(path.shape)
-        # Between an antenna and an image is a shadow and no reflection: it fades, and in line with both there is none to look for.
+        # Between an antenna and an image the ellipsoid casts a shadow and reflects nothing: the echo fades out towards that line.
         aside = np.linalg.norm(unit(tx - tiled) + unit(rx - tiled), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
@@ -123,7 +123,7 @@ class EllipsoidScatterer(Scatterer):
         model = {"specular": _specular, "centre": _centre}[self.phase_from]
         with np.errstate(invalid="ignore"):
             results = model(tiled[lit], axes[lit], semi_axes, tx[lit], rx[lit])
-        # Almost in line with both the search may end nowhere: what has faded out is dark.
+        # Almost in line with both antennas the search may fail; such echoes have faded out and stay dark.
         finite = np.isfinite(results[0] + results[1])
         lit = (lit[0][finite], lit[1][finite])
         path[lit], field[lit], ends[0][lit], ends[1][lit] = (column[finite] for column in results)
@@ -146,7 +146,7 @@ class EllipsoidScatterer(Scatterer):
     def _over(
         self, pairs: Sequence[PathPair], echoes: EchoArrays, block: FrameBlock, centres: np.ndarray
     ) -> EchoArrays:
-        """Echoes (T, N) of all ellipsoids, at centres (T, n, 3), over one pair after another, with the paths' fields."""
+        """Echoes (T, N) of all n ellipsoids over one pair after another, times the paths' fields at their centres (T, n, 3) [m]."""
         if self.at_instants:
             weights = ArrivingFields.of(self.radar, pairs, centres, block.times_s).weights()
         else:
@@ -160,8 +160,8 @@ class EllipsoidScatterer(Scatterer):
 def _shown(
     views: Sequence[PathVisibility], block: FrameBlock, seen: Visibility, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Visibility of each ellipsoid in each view at the frames of a block, (T, views x count), and whether it is above 0 shortly
-    before or after."""
+    """Visibility (T, views x count) of each ellipsoid in each view at the frames of a block, and whether it is above 0 at any frame
+    from `REACH_FRAMES` before to as many after."""
     from scipy.ndimage import maximum_filter1d
 
     frames = len(block.wider(REACH_FRAMES))
@@ -178,12 +178,13 @@ def _shown(
 def specular_points(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of shortest path tx - ellipsoid - rx and outward normals there, each (..., 3), in world axes.
+    """Points of shortest path tx - ellipsoid - rx [m] and outward normals there, each (..., 3), in world axes.
 
-    centres (..., 3), axes (..., 3, 3) with the ellipsoid's unit axes as columns, semi_axes_m and antennas (..., 3). There the
-    normal n bisects the directions to the antennas, and the point with normal n is D^2 n/|D n|, D the semi-axes. Newton's method
-    on the surface: its Hessian is positive definite wherever both antennas see the point, however flat the ellipsoid is (to take
-    the bisector as the next normal would diverge where the radius of curvature exceeds the range).
+    Centres, semi-axes and antennas are (..., 3) [m]; `axes` (..., 3, 3) has the ellipsoid's unit axes as columns. At the point the
+    normal n bisects the directions to the antennas, and from the centre the point with normal n is D^2 n/|D n|, D the diagonal of
+    the semi-axes. It is found by Newton's method on the surface, where the Hessian is positive definite wherever both antennas see
+    the point, however flat the ellipsoid is. (To take the bisector as the next normal would diverge where the radius of curvature
+    exceeds the range.)
     """
     shape = centres.shape
     flat = np.reshape(axes, (-1, 3, 3))
@@ -194,7 +195,7 @@ def specular_points(
 
 
 def _nearest(semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The points and normals of `specular_points` in the ellipsoids' axes, components first as all that is given, (3, M)."""
+    """The points [m] and normals of `specular_points` in the ellipsoids' own axes; all arrays are (3, M), components first."""
     normal = _unit(_unit(tx) / semi_axes_m + _unit(rx) / semi_axes_m)
     going = np.arange(normal.shape[1])
     for _ in range(MOST_STEPS):
@@ -208,7 +209,7 @@ def _nearest(semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray) -> tuple[n
 def _nearer(
     normal: np.ndarray, semi_axes_m: np.ndarray, tx: np.ndarray, rx: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A step of Newton's towards the shortest path: the new normals (3, M) and how far they rotated (M,)."""
+    """One step of Newton's method towards the shortest path: the new normals (3, M) and how far they rotated (M,) [rad]."""
     tangents = _tangents(normal)
     curvature = _curvature(normal, tangents, semi_axes_m)
     bend, towards, _ = _seen_from((tx, rx), semi_axes_m**2 * normal / _length(semi_axes_m * normal), tangents)
@@ -226,8 +227,8 @@ def _nearer(
 def _seen_from(
     antennas: Sequence[np.ndarray], point: np.ndarray, tangents: Sequence[np.ndarray]
 ) -> tuple[list[np.ndarray], np.ndarray, list[np.ndarray]]:
-    """Along two tangents at points (3, M) the Hessian of the distances from antennas, were the surface flat (xx, xy, yy); the sum
-    of the unit vectors to them, and the distances."""
+    """Hessian (xx, xy, yy) of the sum of the distances from the antennas along two tangents at points (3, M), as if the surface
+    were flat; the sum of the unit vectors to the antennas; and the distances [m]."""
     bend, ranges = [np.zeros(point.shape[1]) for _ in range(3)], []
     towards = np.zeros_like(point)
     for antenna in antennas:
@@ -243,7 +244,7 @@ def _seen_from(
 
 
 def _curvature(normal: np.ndarray, tangents: Sequence[np.ndarray], semi_axes_m: np.ndarray) -> list[np.ndarray]:
-    """Curvature of sum (x_i/a_i)^2 = 1 along two tangents, (xx, xy, yy): p T^t diag(1/a^2) T, p = |D n| the distance of the
+    """Curvature (xx, xy, yy) [1/m] of sum (x_i/a_i)^2 = 1 along two tangents: p T^t diag(1/a^2) T, p = |D n| the distance of the
     tangent plane from the centre."""
     plane = _length(semi_axes_m * normal)
     scaled = [tangent / semi_axes_m**2 for tangent in tangents]
@@ -253,10 +254,10 @@ def _curvature(normal: np.ndarray, tangents: Sequence[np.ndarray], semi_axes_m: 
 def _specular(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Path [m] and sqrt(sigma)/(R_tx R_rx) (M,), sigma = 4 pi cos^2(beta/2)/det H, H the Hessian of the path on the surface;
-    and the points (M, 3) from which the echo seems to come for transmitters and for receivers.
+    """Path [m] and sqrt(sigma)/(R_tx R_rx) (M,), sigma = 4 pi cos^2(beta/2)/det H, beta the bistatic angle and H the Hessian of the
+    path on the surface; and the points (M, 3) [m] from which the echo seems to come for transmitters and for receivers.
 
-    Monostatic, det H = 4 (k1 + 1/R)(k2 + 1/R): sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)).
+    For a single antenna det H = 4 (k1 + 1/R)(k2 + 1/R), so that sigma = pi R1 R2/((1 + R1/R)(1 + R2/R)) as in eq. 8.
     """
     antennas = [_rotated(axes.swapaxes(1, 2), (place - centres).T) for place in (tx_m, rx_m)]
     point, normal = _nearest(semi_axes_m.T, *antennas)
@@ -279,10 +280,10 @@ def _specular(
 def _centre(
     centres: np.ndarray, axes: np.ndarray, semi_axes_m: np.ndarray, tx_m: np.ndarray, rx_m: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """What `_specular` gives, of the centre: path [m] and sqrt(sigma)/(R_tx R_rx) (M,), the paper's eq. 1,
+    """What `_specular` returns, with the centre in place of the specular point and sigma by eq. 1 of the Text2Doppler paper:
 
-    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, psi between the long axis (the third) and the bisector of the two paths;
-    a^2 is the product of the two short semi-axes.
+    sigma = pi a^4 c^2/(a^2 sin^2 psi + c^2 cos^2 psi)^2, where psi lies between the long axis (the third) and the bisector of the
+    two paths, and a^2 is the product of the two short semi-axes.
     """
     to_tx, to_rx = tx_m - centres, rx_m - centres
     r_tx, r_rx = np.linalg.norm(to_tx, axis=-1), np.linalg.norm(to_rx, axis=-1)
@@ -300,7 +301,7 @@ def _tangents(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rotated(axes: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Products of matrices (M, 3, 3) and vectors (3, M)."""
+    """Products (3, M) of matrices (M, 3, 3) and vectors (3, M)."""
     return np.stack([dot(axes[:, row].T, vectors) for row in range(3)])
 
 

@@ -38,17 +38,17 @@ class FacetVertices:
     """Facets at T frames, on the device."""
 
     vertices: Any
-    """Flat Float32 (V, T, 4): place [m] relative to the origin, and 1."""
+    """Vertices, flat Float32 (V, T, 4): position [m] relative to the origin, and 1."""
     visibility: Any
-    """Visibility of the vertices at corners in 0..1, flat Float32 (Vc, T); None: all are visible."""
+    """Visibility of the vertices at the facets' corners, flat Float32 (Vc, T); None: all are visible."""
     corners: np.ndarray
-    """Numbers of the patches' corners among the latter, (F, 3)."""
+    """Rows of the visibility for the corners of each facet, (F, 3)."""
     centres: Any
-    """Flat Float64 (G, T, 3): each patch's reference point [m], whose delay is the patch's."""
+    """Reference points [m] of all patches, whose delays are the patches', flat Float64 (G, T, 3)."""
     origin: np.ndarray
-    """Origin of the places at each frame [m], (T, 3)."""
+    """Origin of the positions at each frame [m], (T, 3)."""
     points: PointVertices | None
-    """The patches' diffuse points."""
+    """The patches' diffuse points; None if they have none."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,23 +56,23 @@ class PointVertices:
     """Diffuse points of some patches at T frames."""
 
     vertices: Any
-    """Vertices of the triangles that hold the points, flat Float32 (Vp, T, 4) on the device: place [m] relative to the origin, and
-    1."""
+    """Vertices of the triangles that hold the points, flat Float32 (Vp, T, 4) on the device: position [m] relative to the origin,
+    and 1."""
     visibility: Any
-    """Visibility of these vertices in 0..1, flat Float32 (Vp, T) on the device; None: all are visible."""
+    """Visibility of these vertices, flat Float32 (Vp, T) on the device; None: all are visible."""
     corners: np.ndarray
-    """Vertices of each point's triangle, (Q, 3)."""
+    """Numbers of the vertices of each point's triangle, (Q, 3)."""
     packets: np.ndarray
-    """Numbers of each point as in `DiffusePoints`, (Q, 4)."""
+    """Place, size and phase of each point as in `DiffusePoints.packets`, (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, (P + 1,)."""
     scattered: np.ndarray
-    """S |Gamma| of each patch (P,)."""
+    """S |Gamma| of each patch (eq. 9), (P,)."""
 
 
 @one_thread_at_a_time
 def patch_delays(centres: Any, patches: np.ndarray, pair: PairPlaces, block: EchoBlock, columns: np.ndarray) -> None:
-    """Writes the delays [s] of `patches` (P,) to `columns` (P,); `centres`: flat Float64 (G, T, 3) m on the device."""
+    """Writes delays [s] of `patches` (P,), by number, to `columns` (P,); `centres` [m] is flat Float64 (G, T, 3) on the device."""
     at = LaneReader(centres, block.shape[0], len(patches), block.backend)
     centre = at.points([at.per_lane(patches)])[0]
     ranges = [norm(minus(at.place(antenna), centre)) for antenna in pair.places_m]
@@ -90,10 +90,10 @@ def patch_echoes(
     block: EchoBlock,
     columns: np.ndarray,
 ) -> None:
-    """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, their delay's carrier taken out.
+    """Writes the amplitude [sqrt(W)] and slope [sqrt(W)/Hz] of patches, without the carrier of their delays.
 
-    `patches` are some of the G, by their `numbers` (P,), and go to `columns` (P,). `reflection` (P,) is Gamma of each one's surface
-    times the fraction that stays coherent; the diffuse points add what does not.
+    `patches` are those with `numbers` (P,) among all G patches; their echoes go to `columns` (P,). `reflection` (P,) is Gamma of
+    each patch's surface times the fraction of the field that stays coherent; the diffuse points add the rest.
     """
     at = LaneReader(posed.vertices, block.shape[0], len(patches), block.backend)
     dr, Float32 = at.dr, block.backend.Float32
@@ -102,7 +102,7 @@ def patch_echoes(
     total = _phase_integrals(at, posed, patches, antennas)
     wavelength = SPEED_OF_LIGHT / pair.frequency_hz
     scale = Float32(at.constant(pair.link_amplitude * math.sqrt(4 * math.pi) / wavelength))
-    # IF = tx conj(rx): the conjugate of the usual -j/lambda Gamma ... e^{-jkR}.
+    # IF = tx conj(rx): this is the conjugate of the usual j/lambda Gamma ... e^{-jkR}.
     factor = -1j * reflection.conjugate()
     real, imag = (scale * at.value_per_lane(x) for x in (factor.real, factor.imag))
     per_hz = dr.opaque(Float32, 1 / pair.frequency_hz)
@@ -126,7 +126,7 @@ class _Antennas(NamedTuple):
     places: list[Vector]
     """Places of the antennas relative to that centre [m]."""
     radians: Any
-    """Phase [rad] of a metre of path to one of these antennas; a single one stands for both."""
+    """Phase [rad] for a metre of path to one of these places, twice that of one antenna where a single place stands for both."""
 
     @classmethod
     def of(cls, at: LaneReader, posed: FacetVertices, number: Any, pair: PairPlaces) -> _Antennas:
@@ -144,8 +144,8 @@ class _Antennas(NamedTuple):
 
 
 def _phase_integrals(at: LaneReader, posed: FacetVertices, patches: Patches, antennas: _Antennas) -> list[Any]:
-    """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and its derivative by the logarithm of the
-    frequency: real and imaginary parts, without unit."""
+    """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and the derivative of w times it by the
+    relative frequency w (eq. 4), as real and imaginary parts without unit."""
     nodes_of, corners_of = at.table(patches.nodes), at.table(posed.corners)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:
@@ -156,7 +156,7 @@ def _phase_integrals(at: LaneReader, posed: FacetVertices, patches: Patches, ant
         amplitudes = (_flat_amplitude if len(nodes) == 3 else _curved_amplitudes)(
             at, nodes, visibility, antennas.places
         )
-        # A branch, which lanes pass over together where none of their facets is lit.
+        # This is a branch, which lanes skip together where none of their facets is lit.
         arguments = nodes, amplitudes, total
         lit, integrate = sum(amplitudes) > 0, partial(_with_integral, at, antennas)
         return facet + 1, at.dr.if_stmt(arguments, lit, integrate, lambda *unlit: unlit[-1], mode="symbolic")
@@ -167,14 +167,14 @@ def _phase_integrals(at: LaneReader, posed: FacetVertices, patches: Patches, ant
 def _with_integral(
     at: LaneReader, antennas: _Antennas, nodes: list[Vector], amplitudes: list[Any], total: list[Any]
 ) -> list[Any]:
-    """The sums of `_phase_integrals` with one facet more."""
+    """The sums of `_phase_integrals` after one more facet."""
     value, change = facet_integral([antennas.phase(node) for node in nodes], amplitudes, lane_ops(at.dr))
     return [t + x for t, x in zip(total, (*value, *change), strict=True)]
 
 
 def _diffuse_sums(at: LaneReader, points: PointVertices, antennas: _Antennas) -> list[Any]:
-    """Sum over each patch's Lambertian points of fixed random phase (eq. 9), sigma_q = 4 S^2 |Gamma|^2 A_q cos_i cos_s, of
-    sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), and its derivative by the logarithm of the frequency: real and imaginary parts."""
+    """Sum over each patch's diffuse points of sqrt(sigma_q)/(2 S |Gamma| R^2) exp(j phase), with sigma_q and the fixed random phase
+    of eq. 9, and its derivative by the logarithm of the frequency, as real and imaginary parts."""
     dr, Packet, Float32 = at.dr, at.backend.arrays.Array4f, at.backend.Float32
     held = LaneReader(points.vertices, at.frames, len(points.starts) - 1, at.backend)
     corners_of = held.table(points.corners)
@@ -218,14 +218,14 @@ def _sums(at: LaneReader, starts: np.ndarray, add: Callable[[Any, list[Any]], tu
 
 
 def _flat_amplitude(at: LaneReader, corners: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
-    """Obliquity over R^2 of a flat facet, times its mean visibility."""
+    """Obliquity of a flat facet over the product of both ranges, times its mean visibility."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return [_obliquity(at, normal, combined(corners, THIRDS), antennas) * sum(visibility) * (1 / 3)]
 
 
 def _curved_amplitudes(at: LaneReader, nodes: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
-    """The same at the corners of a curved facet, between which it is linear: with the true normals there it fades towards the edge
-    of what is lit."""
+    """Obliquity over the product of both ranges, times visibility, at the corners of a curved facet, between which it is linear:
+    with the true normals there it fades towards the boundary of the lit side."""
     corners, middles = nodes[:3], nodes[3:]
     after = corners[1:] + corners[:1]
     bulges = [
@@ -241,7 +241,7 @@ def _curved_amplitudes(at: LaneReader, nodes: list[Vector], visibility: list[Any
 
 
 def _obliquity(at: LaneReader, normal: Vector, place: Vector, antennas: list[Vector]) -> Any:
-    """Half the sum of the normal's projections on the lines of sight (eq. 3) over both ranges; 0 where one looks from behind."""
+    """Half the sum of the normal's projections on the lines of sight (eq. 3) over both ranges; 0 if an antenna is behind it."""
     lines_of_sight = [minus(antenna, place) for antenna in antennas]
     ranges = [norm(line_of_sight) for line_of_sight in lines_of_sight]
     projected = [dot(normal, s) / d for s, d in zip(lines_of_sight, ranges, strict=True)]
@@ -250,5 +250,5 @@ def _obliquity(at: LaneReader, normal: Vector, place: Vector, antennas: list[Vec
 
 
 def _extra_path(d: Vector, antenna: Vector) -> Any:
-    """Distance of `antenna` from d minus that from the origin [m], without cancellation: d.(d - 2 o)/(R' + R)."""
+    """Distance of `antenna` from d minus that from the origin [m], computed without cancellation as d.(d - 2 antenna)/(R' + R)."""
     return dot(d, minus(d, scaled(antenna, 2))) / (norm(minus(antenna, d)) + norm(antenna))

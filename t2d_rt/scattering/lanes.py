@@ -13,47 +13,47 @@ from t2d_rt.geometry.vectors import cross, dot
 from t2d_rt.types import EchoArrays
 
 Vector = tuple[Any, ...]
-"""x, y, z on every lane."""
+"""Components x, y, z of a vector on every lane."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weights:
-    """Factors of a path pair on amplitudes, known at anchors; each echo takes the weighted mean of a few."""
+    """Factors of a path pair on amplitudes, known at anchors; each echo takes the weighted mean over a few of these."""
 
     near: Any
     """Numbers of each echo's anchors, flat UInt32 (N, n) on the device."""
     fraction: Any
-    """Weight of each of these, flat Float32 (N, n)."""
+    """Weight of each of these anchors, flat Float32 (N, n)."""
     count: int
     """Number n of anchors of each echo."""
     values: Any
-    """Flat Float32 (anchor, T, 4): factor of the amplitude, and its slope over frequency [1/Hz]."""
+    """Complex factor on the amplitude at each anchor, and its slope over frequency [1/Hz], flat Float32 (A, T, 4)."""
     reach: np.ndarray
     """Which echoes the field reaches, bool (N,)."""
 
 
 class Table(NamedTuple):
-    """Vertex numbers of triangles, read four at a time: a read costs lanes as much as some ten operations."""
+    """Vertex numbers of triangles, read four at a time because a read costs lanes as much as some ten operations."""
 
     numbers: Any
-    """Flat UInt32 on the device, each triangle's filled up to whole packets of four."""
+    """Vertex numbers, flat UInt32 on the device; each triangle's are filled up to whole packets of four."""
     width: int
-    """Vertices of each triangle."""
+    """Number of vertices of each triangle."""
     packets: int
 
 
 NOTHING = 1e-35
-"""An amplitude so small [sqrt(W)] is 0: some of the threads that compute flush numbers below 1.2e-38 to 0 and others do not, and
-whether an echo is 0 decides how echoes are summed."""
+"""Amplitudes below this [sqrt(W)] are set to 0: some of the threads that compute flush numbers below 1.2e-38 to 0 and others do
+not, and whether an echo is 0 decides how echoes are summed."""
 
 
 def _flushed(dr: Any, value: Any) -> Any:
-    """A number, or 0 where it is smaller than `NOTHING`."""
+    """A number, or 0 where its magnitude is below `NOTHING`."""
     return dr.select(dr.abs(value) >= NOTHING, value, 0)
 
 
 class EchoBlock:
-    """Echoes at T frames in the making: kernels write columns of (T, N)."""
+    """Echoes (T, N) on the device while they are computed: kernels write some of the columns."""
 
     def __init__(self, frames: int, echoes: int, backend: Backend) -> None:
         import drjit as dr
@@ -67,7 +67,7 @@ class EchoBlock:
     def put(
         self, at: LaneReader, columns: np.ndarray, *, delay: Any = None, amplitude: Any = None, slope: Any = None
     ) -> None:
-        """Writes lanes' values, complex ones as pairs, to `columns`, one for each item."""
+        """Writes the lanes' values, complex ones as pairs, to `columns` (items,), one for each item."""
         dr, backend = at.dr, self.backend
         place = at.frame * dr.opaque(backend.UInt32, self.shape[1]) + dr.gather(
             backend.UInt32, backend.lanes(columns), at.item
@@ -83,7 +83,7 @@ class EchoBlock:
 
     @one_thread_at_a_time
     def arrays(self) -> EchoArrays:
-        """What was written; amplitudes are 0 elsewhere."""
+        """The echoes (T, N) as NumPy arrays; what was not written is 0."""
         delay, amplitude, slope = (values.numpy() for values in (self._delay, self._amplitude, self._slope))
         return EchoArrays(
             delay.reshape(self.shape),
@@ -93,7 +93,7 @@ class EchoBlock:
 
 
 class LaneReader:
-    """Lanes over (item, frame), that read vertices of every item's triangles.
+    """Lanes over (item, frame) that read vertices of every item's triangles.
 
     Frames run fastest, as in the vertices, flat (V, T, ...) on the device: neighbouring lanes read neighbouring numbers.
     """
@@ -114,7 +114,7 @@ class LaneReader:
         self.frame = lane - self.item * self.stride
 
     def table(self, vertices: np.ndarray) -> Table:
-        """Vertex numbers (N, C), as `vertices` reads them."""
+        """Vertex numbers (N, C) on the device, as `vertices` reads them."""
         count, packets = vertices.shape[1], -(-vertices.shape[1] // 4)
         filled = np.zeros((len(vertices), 4 * packets), np.uint32)
         filled[:, :count] = vertices
@@ -136,26 +136,26 @@ class LaneReader:
         return [self.read(self.numbers, vertex) for vertex in vertices]
 
     def frame_point(self, point: np.ndarray) -> Vector:
-        """A moving point (T, 3)."""
+        """Position of a moving point (T, 3) in the lane's frame."""
         return self.read(self.backend.lanes(point, self.real), 0)
 
     def read(self, numbers: Any, row: Any) -> Vector:
-        """Rows of flat (R, T, 3)."""
+        """Three numbers of a row in the lane's frame, from flat (R, T, 3) on the device."""
         place = 3 * (row * self.stride + self.frame)
         return tuple(self.dr.gather(type(numbers), numbers, place + axis) for axis in range(3))
 
     def per_lane(self, numbers: np.ndarray) -> Any:
-        """A whole number of each item, on every lane."""
+        """On every lane, the whole number of its item out of (items,)."""
         return self.dr.gather(self.backend.UInt32, self.backend.lanes(numbers), self.item)
 
     def value_per_lane(self, values: np.ndarray) -> Any:
-        """A number of each item, on every lane."""
+        """On every lane, the Float32 number of its item out of (items,)."""
         return self.dr.gather(self.backend.Float32, self.backend.lanes(values, self.backend.Float32), self.item)
 
     def weighted(
         self, weights: Weights, number: Any, amplitude: tuple[Any, Any], slope: tuple[Any, Any]
     ) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Amplitude and slope of the numbered echoes, weighted."""
+        """Amplitude and slope of the numbered echoes, times the weighted mean of their anchors' factors."""
         Packet = self.backend.arrays.Array4f
         total = Packet(0)
         for k in range(weights.count):
@@ -168,17 +168,17 @@ class LaneReader:
         return complex_times(*amplitude, total[0], total[1]), (changed[0] + rotated[0], changed[1] + rotated[1])
 
     def constant(self, value: float) -> Any:
-        """A number that is data to the kernel, not code."""
+        """A Float64 number that is data to the kernel, not code."""
         return self.dr.opaque(self.backend.Float64, float(value))
 
     def place(self, position_m: np.ndarray) -> Vector:
-        """A fixed point (3,) or a moving one (T, 3)."""
+        """Position of a fixed point (3,), or of a moving one (T, 3) in the lane's frame."""
         if position_m.ndim == 2:
             return self.frame_point(position_m)
         return tuple(self.constant(x) for x in position_m)
 
     def field(self, values: Any, vertices: list[Any]) -> list[Any]:
-        """A field of numbered vertices in the lane's frame, from flat (V, T) on the device."""
+        """Values of a field at numbered vertices in the lane's frame, from flat (V, T) on the device."""
         places = (vertex * self.stride + self.frame for vertex in vertices)
         return [self.dr.gather(self.backend.Float32, values, place) for place in places]
 
@@ -189,7 +189,7 @@ def lane_ops(dr: Any) -> Any:
 
 
 def triangle_normal(corners: list[Vector], at: LaneReader) -> tuple[Vector, Any]:
-    """Normal of twice the triangle's area, and that length, kept from zero."""
+    """Normal of a triangle whose length is twice the area, and that length, which is kept above zero."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return normal, at.dr.maximum(norm(normal), 1e-30)
 
@@ -218,7 +218,7 @@ def plus(a: Vector, b: Vector) -> Vector:
 
 
 def scaled(a: Vector, factor: Any) -> Vector:
-    """a times a factor."""
+    """The vector a times a factor."""
     return tuple(x * factor for x in a)
 
 

@@ -1,4 +1,4 @@
-"""Echoes of a moving mesh: closed-form facets for the coherent part, frozen points for the diffuse part."""
+"""Echoes of a moving mesh: closed-form facets for the coherent part, points fixed on the surface for the diffuse part."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ from t2d_rt.types.material import is_rough, values_of
 from t2d_rt.types.scatterer import EchoLabels, Fraction, FrameBlock, Poses, Scatterer, Visibility
 
 POINTS_PER_MESH = 4_000
-"""At least about this many diffuse points; their number does not change the power."""
+"""Least number of diffuse points, approximately; their number does not change the power."""
 FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
-"""Rate at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target whose
-surface rate exceeds the last one rotates too fast for that."""
+"""Rate [Hz] at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target
+whose surface rate exceeds the last number [Hz] rotates too fast for that."""
 BEND_RAD = 0.2
-"""By how much more than at rest facets may be tilted against the face they lie in, where a joint bends."""
+"""Angle [rad] by which facets may be tilted against the face they lie in more than at rest, where a joint bends."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,15 +61,15 @@ class Detail:
     sagitta_rad: Sagitta
     """Phase sagitta of the facets, which sets their size (physics.md, eq. 5)."""
     cycles_per_step: float = CYCLES_PER_STEP
-    """Size of patches, by the facets' phases from one frame to the next; infinite at unrelated instants."""
+    """Greatest change of phase between two facets of a patch from frame to frame [cycles]; infinite at unrelated instants."""
     sweep_cycles: float = SWEEP_CYCLES
-    """Size of patches, by how their facets' phases part over the sweep."""
+    """Greatest change of that phase over the sweep [cycles]."""
     points: int = POINTS_PER_MESH
     """Least number of diffuse points."""
     max_facets: int = MOST_FACETS
-    """More facets are refused."""
+    """Greatest number of facets; a mesh that needs more is refused."""
     span_s: tuple[float, float] | None = None
-    """Record whose nearest range sets how fine facets are [s]; by default from the first surface frame to the last."""
+    """First and last time [s] between which the nearest range sets how fine facets are; by default those of the surface frames."""
 
 
 def mesh_echoes(
@@ -84,8 +84,8 @@ def mesh_echoes(
     backend: Backend,
     target: int = 0,
 ) -> Scatterer:
-    """Echoes of `surface` at surface frames `times_s`: one of each patch, in each of `views`; `target` is its number among the
-    targets."""
+    """Echoes of `surface` at surface frames `times_s` (T,) [s], in each of `views` one for each patch that may face its antennas;
+    `target` is its number among the targets. Raises InputError if it needs more than `detail.max_facets` facets."""
     pairs = [PairPlaces.of(radar, view.paths) for view in views]
     model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
     selections = list(model.selections(surface, times_s, pairs, views))
@@ -116,7 +116,7 @@ def mesh_echoes(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MeshScatterer(Scatterer):
-    """Patches of a mesh, one echo each over each of some path pairs."""
+    """Patches of a mesh, which return one echo each over each of some path pairs."""
 
     target: int
     surface: MovingMesh
@@ -169,7 +169,7 @@ class MeshScatterer(Scatterer):
         return concatenated([selection.with_ends(radar, echoes, times_s, places) for selection in self.selections])
 
     def _weights(self, anchors: Anchors, block: FrameBlock, points_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Weights of the path pairs of all selections at the anchors (T, A, 3) m: `faded_weights`, at instants none is faded."""
+        """Weights of all selections' path pairs at the anchors (T, A, 3) [m]: `faded_weights`, or exact ones at instants."""
         pairs = [selection.view.paths for selection in self.selections if selection.view.paths is not None]
         if self.model.at_instants:
             return ArrivingFields.of(self.radar, pairs, points_m, block.times_s).weights()
@@ -179,17 +179,17 @@ class MeshScatterer(Scatterer):
 
 
 def coherent_reflection(material: Material, frequency_hz: float) -> complex:
-    """Gamma times the fraction of the field that stays coherent."""
+    """Reflection coefficient Gamma times the fraction sqrt(1 - S^2) of the field that stays coherent (eq. 9)."""
     return material.reflection(frequency_hz) * math.sqrt(1 - material.scattering_coefficient**2)
 
 
 def diffuse_reflection(material: Material, frequency_hz: float) -> float:
-    """S |Gamma|."""
+    """S |Gamma|, S the scattering coefficient (eq. 9)."""
     return material.scattering_coefficient * abs(material.reflection(frequency_hz))
 
 
 def _frames_at_once(views: Sequence[PathVisibility]) -> int:
-    """So many frames that visibility at them, from the viewpoints of all views, fits memory."""
+    """Number of frames whose visibility, over the one-way paths of all views, fits memory."""
     points = {
         path.key: view.points for view in views if view.paths is not None for path in (view.paths.out, view.paths.back)
     }
@@ -204,7 +204,7 @@ def _seen(
     weight: tuple[np.ndarray, np.ndarray] | None,
     backend: Backend,
 ) -> SampledVisibility:
-    """How a mesh is seen in a view at some times."""
+    """How a mesh is seen in a view at times (T,) [s]."""
     weights = None
     if weight is not None and anchors is not None:
         unblocked = product([fractions[fraction] for fraction in view.unblocked])
@@ -221,7 +221,7 @@ def _total(selections: Sequence[_Selection]) -> int:
 
 
 def _parts(selections: Sequence[_Selection], most: int) -> Iterator[list[_Selection]]:
-    """Selections in parts of at most that many echoes, each part's columns counted from 0; a larger one is cut."""
+    """Selections in parts of at most `most` echoes, each part's columns counted from 0; a selection that is larger is cut."""
     part: list[_Selection] = []
     for selection in (piece for whole in selections for piece in whole.cut(most)):
         if part and _total(part) + len(selection.patches) > most:
@@ -233,17 +233,17 @@ def _parts(selections: Sequence[_Selection], most: int) -> Iterator[list[_Select
 
 @dataclass(frozen=True, slots=True)
 class _Model:
-    """What stays the same from frame to frame."""
+    """What stays the same from frame to frame: facets, patches, diffuse points and their reflection."""
 
     cage_faces: np.ndarray
     tilt_rad: np.ndarray
-    """Largest angle between a cage face and its facets, (cage faces,)."""
+    """Largest angle at rest between a cage face and its facets [rad], (cage faces,)."""
     operator: Csr
-    """Sparse, float32: the facets' vertices from the control points."""
+    """Sparse float32 matrix (Vf, V) that gives the facets' vertices from the control points."""
     fine: Refinement
     patches: Patches
     centre: Csr
-    """Sparse: the patches' reference points from the control points."""
+    """Sparse matrix (G, V) that gives the patches' reference points from the control points."""
     reflection: np.ndarray
     """Gamma of each patch times the fraction that stays coherent, complex (G,)."""
     points: DiffusePoints | None
@@ -313,7 +313,7 @@ class _Model:
     def selections(
         self, surface: MovingMesh, times_s: np.ndarray, pairs: Sequence[PairPlaces], views: Sequence[PathVisibility]
     ) -> Iterator[_Selection]:
-        """Each view with the patches that ever face both of its antennas; in free space, where there is but one, all."""
+        """Each view with the patches that may ever face both of its antennas; in free space, with the only view, all of them."""
         lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
         if self.at_instants or (len(times_s) - 1) / (times_s[-1] - times_s[0]) > FACING_MOST_HZ:
             lit[:] = True
@@ -332,7 +332,7 @@ class _Model:
             first += len(chosen)
 
     def posed(self, cage: np.ndarray, backend: Backend) -> PosedMesh:
-        """At frames whose cage has vertices (T, V, 3) m."""
+        """The mesh at frames at which its cage has the vertices (T, V, 3) [m]."""
         control = self.fine.controlled(cage)
         return PosedMesh.of(control, self.cage_faces, self.centre, self.patches, self.points, backend)
 
@@ -365,7 +365,7 @@ class _Model:
         return np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
 
     def _lit(self, faces: np.ndarray, seen: SampledVisibility, mesh: VisibilityMesh) -> np.ndarray:
-        """Which patches hold facets of these cage faces, bool (F,), that are visible, bool (G,)."""
+        """Which patches hold visible facets of the cage faces `faces`, bool (F,): bool (G,)."""
         if seen.visibility:
             somewhere = np.logical_and.reduce([visibility > 0 for visibility in seen.visibility.values()]).any(axis=0)
             faces = faces & self._with_neighbours(mesh, np.asarray(somewhere))
@@ -373,7 +373,7 @@ class _Model:
         return lit if seen.weights is None else lit & seen.weights.reach
 
     def _points(self, patches: np.ndarray, facets: Facets, seen: SampledVisibility, level: int) -> PointVertices | None:
-        """The diffuse points of some patches, on the device; None where there are none, as may be of small ones."""
+        """The diffuse points of some patches, on the device; None where these patches have none, as small ones may."""
         points = None if self.points is None else self.points.only(patches)
         if points is None or not len(points.packets):
             return None
@@ -396,21 +396,21 @@ class _Model:
 
 @dataclass(frozen=True, slots=True)
 class _Selection:
-    """One view's echoes: those of some of the model's patches."""
+    """The echoes of one view, those of some of the model's patches."""
 
     view: PathVisibility
     pair: PairPlaces
     patches: np.ndarray
-    """Their numbers (N,)."""
+    """Numbers of these patches, (N,)."""
     first: int
-    """Column of the first one."""
+    """Column of the first of these echoes."""
 
     def cut(self, most: int) -> list[_Selection]:
-        """The selection in pieces of at most that many echoes."""
+        """The selection in pieces of at most `most` echoes."""
         return [replace(self, patches=piece) for piece in np.split(self.patches, range(most, len(self.patches), most))]
 
     def with_ends(self, radar: Radar, echoes: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
-        """The view's own of all echoes found at times (T,), as arrays and patterns see them from all patches' places (T, G, 3)."""
+        """The view's own among all echoes at times (T,) [s], as antennas see them from the places (T, G, 3) [m] of all patches."""
         columns = slice(self.first, self.first + len(self.patches))
         own = echoes._replace(**{name: getattr(echoes, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.patches]
@@ -419,7 +419,7 @@ class _Selection:
 
 
 PROBE_EVERY = 6
-"""Frames between tests of which faces face the antennas."""
+"""Number of frames from one test of which faces face the antennas to the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -427,16 +427,16 @@ class Facing:
     """Which faces of a mesh face both antennas of a path pair: normals and centroids of the cage's faces at a few instants."""
 
     normal: np.ndarray
-    """Components first (3, F, K)."""
+    """Unit normals, components first, (3, F, K)."""
     middle: np.ndarray
-    """(3, F, K) m."""
+    """Centroids [m], components first, (3, F, K)."""
     _angles: dict[bytes, np.ndarray] = field(default_factory=dict)
-    """Those to each place so far: path pairs have images of the antennas in common."""
+    """Angles found so far, by the place they are to: path pairs have images of the antennas in common."""
 
     @classmethod
     def of(cls, cage: np.ndarray, faces: np.ndarray) -> Facing:
-        """Facing of the cage's vertices (K, V, 3) m."""
-        rows = np.ascontiguousarray(cage.T)  # whole rows of instants are read: a third of the time
+        """Facing of a cage with vertices (K, V, 3) [m] and faces (F, 3)."""
+        rows = np.ascontiguousarray(cage.T)  # reading whole rows of instants takes a third of the time
         a, b, c = (rows.take(faces[:, i], axis=1) for i in range(3))
         across = np.stack(cross(b - a, c - a))
         return cls(across / np.maximum(np.sqrt(dot(across, across)), 1e-30), (a + b + c) / 3)
@@ -450,7 +450,7 @@ class Facing:
         return angle.min(axis=1) < math.pi / 2 + margin
 
     def _angle(self, place_m: np.ndarray) -> np.ndarray:
-        """Angles of the lines of sight to a place (3,) or (K, 3) with the normals [rad], (F, K)."""
+        """Angles [rad] (F, K) between the normals and the lines of sight to a place (3,) or (K, 3) [m]."""
         key = place_m.tobytes()
         if key not in self._angles:
             line_of_sight = place_m.reshape(-1, 3).T[:, None] - self.middle
@@ -466,16 +466,16 @@ class PosedMesh:
     patches: Patches
     points: DiffusePoints | None
     cage: np.ndarray
-    """Control points (T, V, 3) m."""
+    """Control points [m], (T, V, 3)."""
     origin: np.ndarray
-    """What vertices count from (T, 3) m."""
+    """Origin of the vertices' positions [m], (T, 3)."""
     centre: np.ndarray
-    """The patches' reference points, (G, T, 3) m."""
+    """The patches' reference points [m], (G, T, 3)."""
     centres: Any
-    """The same on the device, flat Float64."""
+    """These reference points on the device, flat Float64."""
     facing: Facing
     instants: np.ndarray
-    """Numbers of the frames at which faces are looked at for that."""
+    """Numbers of the frames at which `facing` is known."""
     backend: Backend
 
     @classmethod
@@ -488,7 +488,7 @@ class PosedMesh:
         points: DiffusePoints | None,
         backend: Backend,
     ) -> PosedMesh:
-        """For control points (T, V, 3) m with `faces` (F, 3); `centre` is sparse, the patches' reference points from them."""
+        """The mesh with control points (T, V, 3) [m] and faces (F, 3); the sparse `centre` (G, V) gives its reference points."""
         centres = apply_operator(centre, cage)
         instants = np.unique(np.linspace(0, len(cage) - 1, math.ceil((len(cage) - 1) / PROBE_EVERY) + 1).astype(int))
         facing = Facing.of(cage[instants], faces)
@@ -497,7 +497,7 @@ class PosedMesh:
 
     @cached_property
     def local(self) -> np.ndarray:
-        """Control points relative to the origin, and 1, float32 (T, V, 4)."""
+        """Control points [m] relative to the origin, and 1, float32 (T, V, 4)."""
         # Positions within the body need no more than float32: 1e-7 of its size.
         frames, count, _ = self.cage.shape
         values = np.ones((count, frames, 4), np.float32).swapaxes(0, 1)  # in memory as `apply_operator` reads them
@@ -506,30 +506,30 @@ class PosedMesh:
 
     @cached_property
     def carrier(self) -> Any:
-        """Vertices that hold the diffuse points, flat Float32 (Vp, T, 4) on the device: relative to the origin, and 1."""
+        """Vertices that hold diffuse points, flat Float32 (Vp, T, 4) on the device: position [m] relative to the origin, and 1."""
         assert self.points is not None
         return self.backend.Float32(apply_operator(self.points.operator, self.local).ravel())
 
 
 @dataclass(frozen=True)
 class Facets:
-    """The facets of the patches of some faces of a posed mesh, whose vertices are carried along."""
+    """The facets of those patches of a posed mesh that have facets in some cage faces, with their vertices."""
 
     posed: PosedMesh
     meshes: Mapping[int, VisibilityMesh]
-    """Those at whose vertices visibility is known, by subdivision level."""
+    """The meshes at whose vertices visibility is known, by subdivision level."""
     vertices: Any
-    """Flat Float32 (V, T, 4) on the device: relative to the origin, and 1."""
+    """Vertices of these facets, flat Float32 (V, T, 4) on the device: position [m] relative to the origin, and 1."""
     places: np.ndarray | None
-    """Places of the corners among them (Vc, T, 3) m, where visibility is traced from there."""
+    """Positions [m] of those that are corners, (Vc, T, 3), where visibility is traced from there; else None."""
     corners: np.ndarray
-    """Which of all facets' vertices are corners here, bool (Vf,)."""
+    """Which vertices of the whole mesh's facets are corners of these facets, bool (Vf,)."""
     numbers: np.ndarray
-    """Number of each of all facets' vertices among these, (Vf,)."""
+    """Number among `vertices` of each vertex of the whole mesh's facets, (Vf,)."""
     corner_numbers: np.ndarray
-    """Number of each of all facets' vertices among those of these that are corners, (Vf,)."""
+    """Number among the corners of these facets of each vertex of the whole mesh's facets, (Vf,)."""
     _known: dict[Any, Any] = field(default_factory=dict)
-    """What all pairs that have a one-way path in common share."""
+    """Operators and visibilities that path pairs with a one-way path in common share."""
 
     @classmethod
     def of(
@@ -541,7 +541,7 @@ class Facets:
         *,
         with_places: bool,
     ) -> Facets:
-        """Of cage faces, bool (F,); `operator` is sparse, all facets' vertices from the control points."""
+        """Facets of cage faces, bool (F,); the sparse `operator` (Vf, V) gives all facets' vertices from the control points."""
         used, corners = np.zeros((2, operator.shape[0]), bool)
         facets = np.repeat(posed.patches.any_of(faces) | with_places, np.diff(posed.patches.starts))
         used[posed.patches.nodes[facets]] = corners[posed.patches.corners[facets]] = True
@@ -575,7 +575,7 @@ class Facets:
         return _product(visibilities)
 
     def _over_paths(self, what: Literal["corners", "points"], seen: SampledVisibility, level: int) -> list[Any]:
-        """Visibility over each one-way path, carried along from the mesh of that level."""
+        """Visibility over each one-way path, interpolated from the vertices of the visibility mesh of that level."""
         known, visibilities = self._known, []
         for fraction, values in seen.visibility.items():
             if (what, level) not in known:
@@ -589,7 +589,7 @@ class Facets:
 
 
 def _product(fields: Sequence[Any]) -> Any:
-    """Product of arrays on the device; None: there is none."""
+    """Product of arrays on the device; None if there are none."""
     if not fields:
         return None
     return fields[0] if len(fields) == 1 else math.prod(fields[1:], start=fields[0])

@@ -24,23 +24,23 @@ if TYPE_CHECKING:
 Csr = Any
 """A scipy.sparse matrix."""
 Ends = tuple[np.ndarray, np.ndarray]
-"""Places of a transmitter and a receiver, or of their images [m], (3,) each, or (K, 3) of those that move."""
+"""Places [m] of a transmitter and a receiver, or of their images: (3,) each, or (K, 3) of those that move."""
 CYCLES_PER_STEP = 0.35
 """Greatest change, from one surface frame to the next, of the phase between two facets of a patch [cycles]: a walk's field errs by
 0.8 dB less than with 0.5, and by 0.1 dB more than with 0.25."""
 SWEEP_CYCLES = 0.25
 """Greatest change over the sweep of the phase between two facets of a patch [cycles], along each axis."""
 APERTURE_CYCLES = 0.05
-"""Greatest change from an array's centre to its outermost antennas, likewise; -38 dB with 3 x 4 antennas, -24 dB with 12 x 16,
-whose facets alone exceed it (validation/report, arrays)."""
+"""Greatest change of that phase from an array's centre to its outermost antennas [cycles]. The field errs by -38 dB with 3 x 4
+antennas, and by -24 dB with 12 x 16, where single facets exceed this value (validation/report, arrays)."""
 FAST_FRACTION = 0.02
 """Fraction of the surface that may rotate too fast for its facets before a warning."""
 MOST_FACETS = 256
-"""A power of two: patches are blocks of that many facets, or halves of these, quarters and so on."""
+"""Greatest number of facets of a patch, a power of two: patches are blocks of that many facets, or halves, quarters and so on."""
 RANGE_STEP = 1.25
 """Ratio of the least ranges that are distinguished; a body's facets differ by a percent from one to the next."""
 PROBE_RATE_HZ, PROBES = 12.5, 40
-"""Rate at which motion is sampled, and the number of instants together (and at least)."""
+"""Rate [Hz] at which motion is sampled, and the number of instants that are taken together, which is also the least number."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,17 +48,17 @@ class PairPlaces:
     """The places that a target is seen from, over one path pair."""
 
     places_m: list[np.ndarray]
-    """Transmitter and receiver or their images, (3,) each, or one place where both stand in it; (T, 3) of images that move."""
+    """Places [m] of transmitter and receiver or of their images, (3,), or (T, 3) if these move; one place if both are there."""
     views_m: list[np.ndarray]
-    """Places for the form of the echoes alone (`one_view`)."""
+    """Places [m] for the form of the echoes, but not for their delays: a single one if both are close together (`one_view`)."""
     frequency_hz: float
     """Frequency at mid-sweep."""
     link_amplitude: float
-    """sqrt(W) m: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
+    """Link amplitude [sqrt(W) m]: the received amplitude is link_amplitude sqrt(rcs)/(R_tx R_rx)."""
     delay_s: float = 0.0
-    """Added to that of the distances: delay of slabs on the paths."""
+    """Delay of the slabs on the paths [s], which is added to that of the distances."""
     moving: Callable[[np.ndarray], PairPlaces] | None = None
-    """The pair at times [s] (T,), for a radar that moves in a scene; the places above are then those where its track begins."""
+    """For a radar that moves in a scene, the pair as a function of times [s] (T,); the places above are where its track begins."""
 
     @classmethod
     def of(cls, radar: Radar, paths: PathPair | None = None, times_s: np.ndarray | None = None) -> PairPlaces:
@@ -89,7 +89,7 @@ class PairPlaces:
         return self.places_m[0], self.places_m[-1]
 
     def delays(self, at: LaneReader, ranges: list[Any]) -> Any:
-        """[s], of distances from the places [m]."""
+        """Delays [s] on every lane, from the distances to the places [m]."""
         return (ranges[0] + ranges[-1]) * (1 / SPEED_OF_LIGHT) + at.constant(self.delay_s)
 
 
@@ -135,8 +135,8 @@ def patches(
 ) -> Patches:
     """Cuts the facets, along a space-filling curve of the rest pose, until each patch is small enough at all times.
 
-    `pairs`: those over which the target is seen, by default from the radar itself. `part`: of each unrefined face (F,); a patch has
-    facets of one part alone.
+    `pairs` are the path pairs over which the target is seen, by default that from the radar itself. `part` (F,) is the part of the
+    surface that each unrefined face belongs to, and a patch has facets of one part alone. Warns if the target rotates too fast.
     """
     pairs = [PairPlaces.of(radar)] if pairs is None else pairs
     places = fine.at(surface.rest)
@@ -146,7 +146,7 @@ def patches(
     # The last facet fills up the last block.
     filled = np.append(order, np.full(-len(order) % MOST_FACETS, order[-1]))
     first = np.arange(len(filled)) % MOST_FACETS == 0
-    # In units of what is allowed: no column may spread by more than 1 over a patch.
+    # Columns are in units of what is allowed: none may spread by more than 1 over a patch.
     per_m = 2 * radar.bandwidth_hz / SPEED_OF_LIGHT / sweep_cycles
     if radar.is_array:
         reach = sum(
@@ -196,15 +196,15 @@ def members(starts: np.ndarray, chosen: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def centres(parts: Patches, fine: Refinement) -> Csr:
-    """Sparse (G, V): the patches' reference points from the unrefined vertices.
+    """Sparse matrix (G, V) that gives the patches' reference points from the unrefined vertices.
 
-    The mean of the facets' centroids, carried linearly: a little below the curved surface, but moving with it.
+    A reference point is the mean of the facets' centroids, carried linearly: a little below the curved surface, but moving with it.
     """
     return _mean_rows(parts.corners, parts.starts, fine.linear)
 
 
 def _mean_rows(corners: np.ndarray, starts: np.ndarray, linear: Csr) -> Csr:
-    """Sparse (G, V): rows of `linear`, averaged over the corners (F, 3) of facets starts[g]..starts[g + 1] - 1."""
+    """Sparse matrix (G, V): rows of `linear`, averaged over the corners (F, 3) of facets starts[g]..starts[g + 1] - 1."""
     from scipy.sparse import csr_array
 
     sizes = np.diff(starts)
@@ -248,7 +248,7 @@ def normals(corners: np.ndarray) -> np.ndarray:
 
 
 def _path_speeds(surface: MovingMesh, pairs: Sequence[PairPlaces], times_s: np.ndarray) -> Iterator[np.ndarray]:
-    """Rate of change [m/s] of the unrefined vertices' path from transmitter to receiver, float32 (V, up to PROBES)."""
+    """Yields for each pair the rates of change [m/s] of the paths over the unrefined vertices, float32 (V, up to PROBES)."""
     step = min(1e-3, (times_s[-1] - times_s[0]) / 10)
     count = max(PROBES, int(PROBE_RATE_HZ * (times_s[-1] - times_s[0])))
     instants = np.linspace(times_s[0], times_s[-1] - step, count)
@@ -268,13 +268,13 @@ def _ends_at(pairs: Sequence[PairPlaces], times_s: np.ndarray) -> list[Ends]:
 
 
 def _ranges_of(vertices: np.ndarray, all_ends: Sequence[Ends]) -> dict[bytes, np.ndarray]:
-    """Distances (K, V) of vertices from each place, which path pairs have in common, by the place's bytes."""
+    """Distances [m] (K, V) of vertices from each place, which path pairs have in common, by the place's bytes."""
     places = {place.tobytes(): place for ends in all_ends for place in ends}
     return {key: ranges_m(vertices, place) for key, place in places.items()}
 
 
 def ranges_m(vertices: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Distances (K, V) of vertices (K, V, 3) from one place (3,) or (K, 3)."""
+    """Distances [m] (K, V) of vertices (K, V, 3) [m] from one place (3,) or (K, 3) [m]."""
     line_of_sight = vertices - place[..., None, :]
     return np.sqrt(np.einsum("kvi,kvi->kv", line_of_sight, line_of_sight))
 
@@ -293,8 +293,8 @@ def _morton(points: np.ndarray) -> np.ndarray:
 def _cut(first: np.ndarray, columns: np.ndarray) -> None:
     """Marks the middle of every block of 2, 4 ... MOST_FACETS rows over which one of columns (N, C) spreads by over 1.
 
-    What `first`, bool (N,), marks begins a patch. A block spreads at least as far as each of its halves, so what lies between two
-    marks is the largest block that does not.
+    Each row that is marked in `first`, bool (N,), begins a patch. A block spreads at least as far as each of its halves, so what
+    lies between two marks is the largest block that does not.
     """
     low = high = columns
     half = 1

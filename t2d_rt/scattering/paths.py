@@ -18,19 +18,19 @@ from t2d_rt.types.path_fields import SweepNodes, fields_over
 from t2d_rt.types.scatterer import Fraction, FrameBlock
 
 ANCHORS, APART_M = 150, 0.04
-"""Points of a target at which coefficients are worked out: at most so many, and no nearer to each other than needed."""
+"""Greatest number of anchors, where coefficients are found, and distance [m] to the nearest one below which no more are taken."""
 NODE_RATE_HZ = 20.0
-"""About the rate at which a path's field is worked out at the anchors, linear in between: reflection and pattern change by little
-while a limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median
+"""Approximate rate [Hz] at which a path's field is worked out at the anchors, linear in between: reflection and pattern change by
+little while a limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median
 one."""
 NEIGHBOURS = 3
 """Number of anchors from which an echo takes its coefficient."""
 RANKING_NODES = 7
-"""Frequencies of the sweep at which path pairs are ranked: enough to see what a line over frequency leaves out."""
+"""Number of frequencies of the sweep at which path pairs are ranked: enough to see what a line over frequency leaves out."""
 
 
 FacetVisibility = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Amplitude over that with nothing in the way, (K, Q) at times [s] (K,), of vertices (K, Q, 3) of triangles (F, 3)."""
+"""Function that gives the visibility (K, Q), at times (K,) [s], of vertices (K, Q, 3) [m] of triangles (F, 3)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,16 +39,16 @@ class PathVisibility:
 
     paths: PathPair | None = None
     visibility: tuple[Fraction, ...] = ()
-    """Of each vertex of a mesh, or of each ellipsoid, over the one-way paths: their product; without any, all that faces the
-    antennas is visible."""
+    """Visibility of each vertex of a mesh, or of each ellipsoid, over the one-way paths, whose product counts; without any, all
+    that faces the antennas is visible."""
     subdivision: int = 0
     """Subdivision level of the mesh at whose vertices `visibility` is known (`geometry.SubdividedMesh`)."""
     points: int = 0
     """Number of points at which `visibility` is kept over each one-way path, those of other meshes among them."""
     unblocked: tuple[Fraction, ...] = ()
-    """Fraction of the field at a mesh's anchors that the scene does not block, over the one-way paths: their product."""
+    """Fraction of the field at a mesh's anchors that the scene does not block over each one-way path; their product counts."""
     facet_visibility: FacetVisibility | None = None
-    """Of the facets' own vertices, as a factor on `visibility`."""
+    """Visibility of the facets' own vertices, as a factor on `visibility`."""
 
     @property
     def name(self) -> str:
@@ -62,16 +62,16 @@ class PathVisibility:
 
 
 def product(fractions: Sequence[np.ndarray]) -> np.ndarray | None:
-    """Product of some arrays; None: there is none."""
+    """Product of some arrays; None if there are none."""
     return np.asarray(np.prod(fractions, axis=0)) if fractions else None
 
 
 def anchor_vertices(rest: np.ndarray) -> np.ndarray:
-    """Numbers of a few vertices of (V, 3) m that represent their neighbours, each as far as possible from the others."""
+    """Numbers of a few of the vertices (V, 3) [m] that represent their neighbours, each as far as possible from the others."""
     chosen = [0]
     nearest = np.linalg.norm(rest - rest[0], axis=1)
     while len(chosen) < min(ANCHORS, len(rest)) and nearest.max() > APART_M:
-        # Rounded: of equally distant vertices the first one is taken, however the mesh is oriented.
+        # Rounding takes the first of equally distant vertices, however the mesh is oriented.
         chosen.append(int(np.argmax(np.round(nearest, 6))))
         nearest = np.minimum(nearest, np.linalg.norm(rest - rest[chosen[-1]], axis=1))
     return np.array(chosen)
@@ -82,15 +82,15 @@ class Anchors:
     """A few vertices of a mesh that represent their neighbours."""
 
     vertices: np.ndarray
-    """Their numbers, (A,)."""
+    """Numbers of these vertices, (A,)."""
     near: np.ndarray
-    """Numbers of each echo's own, (N, n)."""
+    """Numbers of each echo's n anchors, (N, n)."""
     tables: tuple[Any, Any]
-    """These and the fraction of each, flat UInt32 and Float32 on the device."""
+    """`near` and the weight of each of these anchors, flat UInt32 and Float32 on the device."""
 
     @classmethod
     def of(cls, vertices: np.ndarray, rest: np.ndarray, echoes: np.ndarray, backend: Backend) -> Anchors:
-        """Of `anchor_vertices` (A,) of a mesh's vertices (V, 3) and echoes' places (N, 3) in the same pose [m]."""
+        """Anchors from `anchor_vertices` (A,) of a mesh's vertices (V, 3), for echoes at places (N, 3) in the same pose [m]."""
         from scipy.spatial import cKDTree
 
         distance, near = cKDTree(rest[vertices]).query(echoes, k=min(NEIGHBOURS, len(vertices)))
@@ -100,7 +100,7 @@ class Anchors:
         return cls(vertices, near, (backend.lanes(near), backend.lanes(fraction, backend.Float32)))
 
     def weights(self, weight: np.ndarray, slope: np.ndarray, unblocked: np.ndarray | None, backend: Backend) -> Weights:
-        """Weights and their slopes at the anchors, complex (T, A), times the fraction `unblocked` (T, A) by the scene."""
+        """Weights and their slopes at the anchors, complex (T, A), times the fraction (T, A) that the scene leaves unblocked."""
         values = aligned_empty(4 * weight.size, np.float32).reshape(*weight.shape[::-1], 4)
         for k, part in enumerate((weight.real, weight.imag, slope.real, slope.imag)):
             values[..., k] = part.T if unblocked is None else (part * unblocked).T
@@ -121,19 +121,19 @@ class _End(NamedTuple):
     towards: np.ndarray
     """Unit vectors to the antenna's images, (3, P, ...)."""
     field: np.ndarray
-    """Complex (3, F, P, ...), with the antenna's pattern."""
+    """Fields at F frequencies, with the antenna's pattern, complex (3, F, P, ...)."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArrivingFields:
-    """Fields over N path pairs at points (...), each one-way path's computed once, at some frequencies of the sweep."""
+    """Fields over N path pairs at points (...) and at some frequencies of the sweep; each one-way path's is computed once."""
 
     ends: tuple[_End, _End]
-    """The transmitters' and the receivers'."""
+    """Fields of the transmitters' paths and of the receivers' paths."""
     numbers: np.ndarray
-    """Of each pair's paths among those of either end, (2, N)."""
+    """Number of each pair's path among those of either end, (2, N)."""
     copies: np.ndarray
-    """(N,)."""
+    """Number of path pairs that each pair stands for, (N,)."""
     nodes: SweepNodes
 
     @classmethod
@@ -145,7 +145,7 @@ class ArrivingFields:
         times_s: np.ndarray | None,
         frequencies: int = 3,
     ) -> ArrivingFields:
-        """At points (..., 3) m and so many frequencies; (K, ..., 3) at times (K,) [s] where the radar moves."""
+        """Fields at points (..., 3) [m] and F frequencies; at points (K, ..., 3) at times (K,) [s] where the radar moves."""
         nodes = SweepNodes.of(radar, frequencies)
         one_end = (
             radar.tx_pattern == radar.rx_pattern
@@ -168,10 +168,10 @@ class ArrivingFields:
         return cls((ends[0], ends[-1]), np.array(numbers).reshape(2, -1), copies, nodes)
 
     def spectra(self, selection: slice | np.ndarray = slice(None)) -> np.ndarray:
-        """Factor of the `selection` of the pairs on the amplitude of a reflector there, complex (F, N, ...).
+        """Factor of the `selection` of the pairs on the amplitude of a reflector at the points, complex (F, N, ...).
 
-        Patterns, both paths' coefficients and the change of polarisation at the reflector, that of a facet whose normal n bisects
-        the paths: e_out . e_back - 2 (n . e_out)(n . e_back); conjugated, as IF = tx conj(rx).
+        It holds patterns, both paths' coefficients and the change of polarisation at the reflector, that of a facet whose normal n
+        bisects the paths: e_out . e_back - 2 (n . e_out)(n . e_back) (eq. 24); it is conjugated, as IF = tx conj(rx).
         """
         (towards, out), (from_there, back) = (
             (end.towards[:, of_pairs], end.field[:, :, of_pairs])
@@ -184,7 +184,7 @@ class ArrivingFields:
         return np.asarray(self.copies[selection].reshape(-1, *[1] * (double.ndim - 1)) * factor)
 
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """That factor at mid-sweep and its slope over frequency [1/Hz] of all pairs, complex (N, ...)."""
+        """That factor at mid-sweep and its slope over frequency [1/Hz] (eq. 24a), for all pairs, complex (N, ...)."""
         points = math.prod(self.ends[0].towards.shape[2:])
         parts = blocks(np.arange(len(self.copies)), len(self.nodes.frequencies_hz) * points)
         weight, slope = zip(*(self.nodes.line(self.spectra(part)) for part in parts), strict=True)
@@ -198,10 +198,10 @@ def faded_weights(
     points_m: np.ndarray,
     points_at: Callable[[np.ndarray], np.ndarray],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`Arrivals.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between, or at each
-    frame of a radar that turns.
+    """`ArrivingFields.weights` at points that move, complex (N, T, A): known at some nodes in time and linear in between, or at
+    each frame of a radar that rotates.
 
-    The points are (T, A, 3) m at the frames of a block, and `points_at` other times [s]; nodes are the same wherever it begins.
+    The points are `points_m` (T, A, 3) at the frames of a block, `points_at` at other times [s]; all blocks have the same nodes.
     """
     times_s, start, stop = block.record_s, block.first, block.last
     last = len(times_s) - 1
@@ -227,8 +227,8 @@ def unfolded(
     departure_m: np.ndarray,
     arrival_m: np.ndarray | None = None,
 ) -> EchoArrays:
-    """For arrays: with apparent positions (T, N, 3) of the echoes at times (T,), given those seen from the antennas' images;
-    those of the receivers are the transmitters' where they are not given."""
+    """Echoes of an array with apparent positions (T, N, 3) [m] at times (T,) [s], from the positions that the antennas' images see;
+    without `arrival_m` those of the receivers see what those of the transmitters see. Other echoes are returned as they are."""
     if not radar.is_array:
         return echoes
     departure = paths.out.unfolded(departure_m, times_s).astype(np.float32)
@@ -247,7 +247,7 @@ class Ranked(NamedTuple):
     mean_db: float
     """Level of the mean power over all probes."""
     bent_db: float
-    """Likewise, of what a line over frequency leaves out of its spectrum over the sweep."""
+    """Level of the mean power that a line over frequency leaves out of the pair's spectrum over the sweep (eq. 24a)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -257,7 +257,7 @@ class Probed:
     probes_m: np.ndarray
     """Points [m], (Q, 3)."""
     probed_s: np.ndarray | None = None
-    """When the points are there [s], (Q,); needed where the radar moves."""
+    """Times [s] at which the points are there, (Q,); needed where the radar moves."""
     out: PathSet
     back: PathSet
     one_antenna: bool
@@ -266,7 +266,8 @@ class Probed:
     """Fraction of the field of the P paths of each end that reaches the points, (P, Q)."""
 
     def spreading(self) -> Iterator[np.ndarray]:
-        """1 / distance from the paths' images to the points, times what reaches these: (P, Q) of each end."""
+        """Yields for either end 1/distance [1/m] from the paths' images to the points, times the fraction that arrives there, (P,
+        Q)."""
         for paths, fraction in zip((self.out, self.back), self.fraction, strict=True):
             places = paths.image_m[:, None]
             if paths.passing is not None:

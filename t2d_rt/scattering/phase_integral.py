@@ -49,9 +49,9 @@ Parts = tuple[Any, Any]
 
 
 def divided_difference(p0: np.ndarray, p1: np.ndarray, p2: np.ndarray) -> np.ndarray:
-    """exp[j p0, j p1, j p2] for phases [rad] of any equal shape; complex of the phases' precision.
+    """exp[j p0, j p1, j p2] for phases [rad] of equal shapes; the result is complex, of the phases' precision.
 
-    float32 phases give a float32 computation. Symmetric in its arguments; 1/2 where all phases are 0.
+    float32 phases give a float32 computation. The function is symmetric in its arguments, and 1/2 where all phases are 0.
     """
     dtype = np.result_type(p0, p1, p2, np.float32)
     phases = (np.asarray(p, dtype) for p in (p0, p1, p2))
@@ -104,7 +104,7 @@ def _slope(exp_mid: Parts, exp_end: Parts, d: Any, ops: Ops, terms: int) -> Part
 
 
 def power_integral(d: Any, power: int, terms: int, fma: Any = product_sum) -> Parts:
-    """Integral of (1-u)^n exp(j d u) over u in 0..1, n the power, as n! sum_m (jd)^m/(m+n+1)!; for n = 0 (exp(jd) - 1)/(jd)."""
+    """Integral of (1-u)^n exp(j d u) over u in 0..1, n the power, as n! sum_m (jd)^m/(m+n+1)!; (exp(jd) - 1)/(jd) for n = 0."""
     minus_square = -(d * d)
     real, imag = 0 * d, 0 * d
     for m in range(terms - terms % 2, -1, -2):  # even powers of jd are real, odd ones imaginary

@@ -1,4 +1,4 @@
-"""Frozen diffuse points on a mesh (docs/physics.md, eq. 9), and visibility carried to them and to the facets."""
+"""Diffuse points fixed on a mesh (docs/physics.md, eq. 9), and visibility carried to them and to the facets."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from t2d_rt.types.scatterer import Fraction
 APART_M = 0.1
 """Facets of opposite directions are moved apart by twice this distance where the nearest facet of a point is sought."""
 FAR_M = 1e6
-"""Distance of facets of different materials in the last coordinate of that search, which is no place: so a point finds a facet of
-its own material."""
+"""Distance [m] of facets of different materials along the last coordinate of that search, which is not one of space: with it a
+point finds a facet of its own material."""
 VertexVisibility = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Visibility (K, Q) of vertices (K, Q, 3) of triangles (F, 3)."""
+"""Function that gives the visibility (K, Q) of vertices (K, Q, 3) [m] of triangles (F, 3)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,7 +33,7 @@ class SampledVisibility:
     visibility: Mapping[Fraction, np.ndarray] = field(default_factory=dict)
     """Visibility of the vertices of its visibility mesh over each one-way path, (T, V'); the product over the paths counts."""
     facet_visibility: VertexVisibility | None = None
-    """Visibility of finer vertices, as a factor."""
+    """Visibility of finer vertices, as a further factor."""
     weights: Weights | None = None
     """Weights of the path pair; None in free space."""
 
@@ -60,22 +60,22 @@ def forget() -> None:
 
 @dataclass(frozen=True, slots=True)
 class DiffusePoints:
-    """Diffuse points on the triangles that hold them, those of each patch together."""
+    """Diffuse points and the triangles that hold them; the points of each patch stand together."""
 
     carrier: Refinement
     used: np.ndarray
-    """Numbers of its vertices that hold points, (Vp,)."""
+    """Numbers of the carrier's vertices whose triangles hold points, (Vp,)."""
     operator: Csr
-    """Sparse, float32: these from the control points, (Vp, V)."""
+    """Sparse float32 matrix (Vp, V) that gives these vertices from the control points."""
     corners: np.ndarray
     """Vertices of each point's triangle, as numbers among those that hold points, (Q, 3)."""
     packets: np.ndarray
-    """Where in the triangle it lies, by two barycentric coordinates, the root of the area [m] that it stands for, and its phase
+    """Each point's two first barycentric coordinates in its triangle, the root of the area that it stands for [m], and its phase
     [rad], float32 (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, integers (G + 1,)."""
     scattered: np.ndarray
-    """S |Gamma| of each patch (G,)."""
+    """S |Gamma| of each patch, (G,)."""
 
     @classmethod
     def spread(
@@ -90,10 +90,11 @@ class DiffusePoints:
         scattered: np.ndarray,
         count: int,
     ) -> DiffusePoints:
-        """At least about `count` points, spread with a seed over the carrier, whose triangles are taken as flat.
+        """Spreads about `count` points or more, with a seed, over the carrier, whose triangles are taken as flat.
 
-        Each belongs to the patch of the nearest facet that faces the same way and is of the same part; patch g has `patch_facets`
-        (F, 3, 3) m at rest starts[g]..starts[g + 1] - 1. `parts` are those of the patches' facets (F,) and of the carrier's (Fc,).
+        Each belongs to the patch of the nearest facet that faces the same way and is of the same part; patch g has the facets
+        starts[g]..starts[g + 1] - 1 of `patch_facets` (F, 3, 3) [m] at rest. `parts` are those of the patches' facets (F,) and of
+        the carrier's (Fc,).
         """
         from scipy.spatial import cKDTree
 
@@ -133,7 +134,7 @@ class DiffusePoints:
         )
 
     def facet_visibility(self, visibility: VertexVisibility, cage: np.ndarray) -> np.ndarray:
-        """Visibility of the vertices that hold points (Vp, T), for control points (T, V, 3)."""
+        """Visibility (Vp, T) of the vertices that hold points, for control points (T, V, 3) [m]."""
         return sampled_visibility(visibility, apply_operator(self.operator, cage), self.corners)
 
 
@@ -142,11 +143,11 @@ class VisibilityMesh:
     """The subdivided cage at whose vertices visibility is sampled."""
 
     faces: np.ndarray
-    """Faces of the visibility mesh, those of each cage face together."""
+    """Faces (F', 3) of the visibility mesh, those of each cage face together."""
     facets: Csr
-    """Sparse, float32: from visibility there to that of the facets' vertices."""
+    """Sparse float32 matrix that gives the facets' vertices their visibility from that of this mesh's vertices."""
     points: Csr | None
-    """Sparse: from visibility there to that of the vertices that hold the diffuse points."""
+    """Sparse matrix that gives the vertices that hold diffuse points their visibility; None without such points."""
 
     @classmethod
     def of(cls, surface: MovingMesh, fine: Refinement, points: DiffusePoints | None, level: int) -> VisibilityMesh:
@@ -160,5 +161,5 @@ class VisibilityMesh:
 
 
 def sampled_visibility(facet_visibility: VertexVisibility, vertices: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Visibility of vertices (Vf, K, 3) m of triangles `corners` (F, 3): (Vf, K) float32."""
+    """Visibility (Vf, K) of vertices (Vf, K, 3) [m] of triangles `corners` (F, 3)."""
     return facet_visibility(np.ascontiguousarray(vertices.swapaxes(0, 1)), corners).T

@@ -27,19 +27,19 @@ LEAST_HZ, MOST_HZ, STEP_HZ = 40.0, 10_000.0, 5.0
 RAISED = 2**0.25
 """Ratio of one rate that is tried to the one before."""
 LEVEL, STEEP_DB = 2, -3.0
-"""Number of steps of the rate, and the fall of what splines miss [dB] over them below which all of these rates miss some motion."""
+"""Number of steps of the rate, and change [dB] of what splines miss over them above which all of these rates miss some motion."""
 RESOLVED_DB, SMALL_DB = -36.0, -50.0
-"""Level [dB] that splines may miss of such a motion: 4.2 frames a period, the amplitude within 1.2 %. And the level below which no
-motion counts, a vibration of 1.4 um at 77 GHz."""
+"""Level [dB] that splines may miss of such a motion, which takes 4.2 frames a period and keeps the amplitude within 1.2 %, and
+level [dB] below which no motion counts, that of a vibration of 1.4 um at 77 GHz."""
 QUIET = 0.25
 """Fraction of a target's points that move least: what splines miss of them shows a vibration beside a walker's feet."""
 LINE_HZ = 9.0, 60.0
 """Between these frequencies [Hz] a vibration is looked for as a line of the spectrum, which shows it beside a walk's own
 movements; slower ones are resolved anyway, and of faster ones the splines tell."""
 LINE_DB, LEAST_LINE_DB = 5.0, -47.0
-"""A vibration is what stands so far above the strongest frequencies on both sides, and has so much energy: an amplitude of 2 um
-towards a radar at 77 GHz. In 2 of 122 recordings of people something does, a line that is the file's own; weaker ones come of
-rounded and filtered files."""
+"""A vibration is a line that stands the first [dB] above the strongest frequencies on both sides and has the second [dB of a radian
+squared] of energy, that of an amplitude of 2 um towards a radar at 77 GHz. In 2 of 122 recordings of people there is one, which is
+the file's own; weaker ones come from rounding and filtering of files."""
 LINE_HALF_WIDTH_HZ, SIDE_HZ = 1.5, 4.0
 """Half width of a line [Hz], and how far from it the sides reach with which it is compared [Hz]."""
 LINE_FRAMES = 4.2
@@ -54,31 +54,30 @@ small, which a body's own movements may hide."""
 ROUNDED = 1e-6
 """Relative error of a rate that is worked out from times."""
 STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
-"""Between these frequencies [Hz] all of it that goes on is resolved: what is there in each piece of a record, so long [s]. Steps on
-the floor pass; a vibration goes on, hidden or not. Shorter records than the last do not tell its frequency."""
+"""Between these frequencies [Hz] all motion is resolved that goes on in each piece, of the second length [s], of a record: steps on
+the floor pass, a vibration goes on, hidden or not. Records shorter than the last length [s] do not tell its frequency."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
-"""Rate at which motion is sampled, unless the record is shorter than such a short record; factor on it for faster motion."""
+"""Rate [Hz] at which motion is sampled, unless the record is shorter than a short record; factor on it for faster motion."""
 PROBE_FRAMES = 12
 """Number of frames of one short record; five make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 20
 LEAST_PROBED_S = 0.5
-"""Length of a periodic motion that is probed [s], at least a period."""
+"""Least length of a periodic motion that is probed [s]; a longer period is probed as a whole."""
 CHEAP_POINTS = 2_000_000
-"""Points times instants at which a whole record is probed: a mesh of 600 vertices has as many in 14 s, a body's 17 ellipsoids in
-eight minutes. Of more, pieces of the record are taken."""
+"""Points times instants up to which a whole record is probed: a mesh of 600 vertices has as many in 14 s, a body's 17 ellipsoids in
+eight minutes. Of longer records pieces are taken."""
 PIECES, LEAST_FRAMES, END_FRAMES = 4, 240, 3
-"""Number of these pieces, and instants in all of them together, at least. Where they begin and end is no end of the record: so many
-frames of the spline there do not count."""
+"""Number of these pieces, least number of instants in all of them together, and number of frames at either end of a piece that do
+not count, because the spline ends there and the record does not."""
 MOST_POINTS, MOST_FACES = 300, 1000
 """Points of a mesh whose paths are interpolated, and faces of which an edge tells how it rotates."""
 
 
 class SurfaceRate:
-    """Rate of surface frames that a target needs between two times, from what splines of its points' paths miss.
+    """Surface rate that a target needs between two times, from what splines of its points' paths miss.
 
-    This is found by such splines, of a target too large to be probed as a whole by those of a `stand_in`, a few points that move
-    with it; fourth derivatives in short records tell how much more than these its own points ask for. Motion is probed
-    once for all tolerances.
+    For a target too large to be probed as a whole, this is found with a `stand_in`, a few points that move with it; fourth
+    derivatives in short records tell how much higher a rate its own points need. Motion is probed once for all tolerances.
     """
 
     def __init__(
@@ -102,7 +101,7 @@ class SurfaceRate:
         )
 
     def needed_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
-        """The rate [Hz] at which splines add no more than that to the field's error, and resolve all that moves."""
+        """The rate [Hz] at which splines add no more than `tolerance_db` to the field's error and resolve all that moves."""
         if tolerance_db not in self._needed_hz:
             vibration_hz = max(self._line_hz, self._steady_hz)
             delays_hz = max(self._more * self._resolving_hz(tolerance_db), LINE_FRAMES * vibration_hz)
@@ -111,7 +110,7 @@ class SurfaceRate:
         return self._needed_hz[tolerance_db]
 
     def rotation_hz(self, tolerance_db: float = TOLERANCE_DB) -> float:
-        """The rate [Hz] that the rotation of a mesh's edges asks for."""
+        """The rate [Hz] that the rotation of a mesh's edges needs; 0 for ellipsoids."""
         if not len(self._geometry.faces):
             return 0.0
         probe_hz, rad_per_s = 0.0, 1.0
@@ -130,8 +129,8 @@ class SurfaceRate:
     def _line_hz(self) -> float:
         """Frequency of the fastest vibration [Hz] that stands as a line in the spectrum of the phases, 0 without any.
 
-        Of a record too large to be probed as a whole the middle is searched. Rotors are not: their harmonics are lines, which
-        count by what splines miss of them.
+        Only the middle of a record too large to be probed as a whole is searched. Rotors are not searched: their lines are
+        harmonics, which count by what splines miss of them.
         """
         if self._length_s < LEAST_LINE_S or self._is_rotor:
             return 0.0
@@ -147,9 +146,9 @@ class SurfaceRate:
 
     @cached_property
     def _steady_hz(self) -> float:
-        """Highest frequency [Hz] of what may be a vibration of what is given finely in time, 0 where nothing may be one.
+        """Highest frequency [Hz] of what may be a vibration of a target that is given finely in time, 0 where nothing may be one.
 
-        Of a record too large to be probed as a whole the middle is searched.
+        Only the middle of a record too large to be probed as a whole is searched.
         """
         if self._length_s < LEAST_STEADY_S or self._is_rotor or self._given_hz < RECORDED_HZ * (1 + ROUNDED):
             return 0.0
@@ -161,7 +160,7 @@ class SurfaceRate:
 
     @property
     def _is_rotor(self) -> bool:
-        """Whether its lines may be harmonics of a rotation."""
+        """Whether lines in its spectrum may be harmonics of a rotation."""
         made = self._stand_in.made
         return self._periodic or (made is not None and made.by == "mover")
 
@@ -222,13 +221,13 @@ class SurfaceRate:
         rates = rates[rates > 3 / self._length_s]
         misses_db = np.reshape([self._missed_db(rate) for rate in rates], (-1, 2))
         level = (misses_db[LEVEL:] > misses_db[:-LEVEL] + STEEP_DB) & (misses_db[LEVEL:] > SMALL_DB)
-        # Twice in a row: frames that fall together with those of the file miss less.
+        # It must hold twice in a row, because frames that fall together with those of the file miss less.
         counts = np.where(level[1:] & level[:-1], misses_db[LEVEL + 1 :], math.inf)
         return bool((missed_db <= counts + RESOLVED_DB).all())
 
     def _missed_db(self, rate_hz: float) -> np.ndarray:
-        """Energy (2,) of what splines of frames at that rate miss of the phases of the stand-in: the mean over its points, and that
-        of the quieter ones, of which a quarter misses less."""
+        """Energy (2,) [dB of a radian squared] of what splines of frames at that rate miss of the phases of the stand-in: the mean
+        over its points, and that of the quieter ones, of which a quarter misses less."""
         if rate_hz not in self._missed:
             total, count = np.zeros(1), 0
             for times_s, phases, curve in self._probed(rate_hz):
@@ -262,7 +261,7 @@ class SurfaceRate:
 
     @property
     def _most_frames(self) -> int:
-        """Number of instants at which all points are probed at most."""
+        """Greatest number of instants at which all points are probed."""
         return max(LEAST_FRAMES, CHEAP_POINTS // self._point_count)
 
     def _phases(self, times_s: np.ndarray) -> np.ndarray:
@@ -271,7 +270,7 @@ class SurfaceRate:
         return 2 * math.pi * self._radar.mid_frequency_hz / SPEED_OF_LIGHT * np.concatenate(paths)
 
     def _mean_squares(self, geometry: MovingMesh | Ellipsoids, probe_hz: float) -> tuple[float, float]:
-        """Those of `_mean_squares` in short records all over the record, probed so often."""
+        """What `_mean_squares` finds in short records spread over the whole record, sampled at `probe_hz`."""
         key = geometry is self._geometry, probe_hz
         if key not in self._known:
             step = 1 / probe_hz
@@ -303,8 +302,8 @@ def _mean_squares(
 
 
 def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: bool) -> tuple[Track, int]:
-    """Lengths (K, V) [m] of the paths over `MOST_POINTS` of a target's points at most, as a function of time (K,) [s], and how many
-    points are computed for them. Of ellipsoids that are themselves the target, those over the `specular` points."""
+    """Function that gives the lengths (K, V) [m], at times (K,) [s], of the paths over at most `MOST_POINTS` of a target's points,
+    and how many points it computes for them. With `specular`, ellipsoids have the paths over their specular points."""
     points, made = _evenly(geometry.point_count, MOST_POINTS), geometry.made
     if specular and isinstance(geometry, Ellipsoids):
         return lambda times_s: _specular_paths(geometry, times_s, radar)[:, points], geometry.point_count
@@ -317,7 +316,7 @@ def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: 
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
     """Frequency [Hz] of the fastest vibration that stands as a line in the spectrum of phases (K, V) [rad], 0 without any.
 
-    It is sought in the mean spectrum of the points and in that of the quieter ones, of which a quarter has less.
+    It is sought in the mean spectrum of the points and in that of the quieter ones, below which a quarter of them lie.
     """
     frequency_hz, spectra = _spectra(phases, rate_hz, np.hanning(len(phases))[1:-1])
     step_hz = frequency_hz[1]
@@ -340,8 +339,8 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
 def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = STEADY_HZ[1]) -> float:
     """Highest frequency [Hz] at which one of phases (K, V) [rad] has energy that goes on all the time, 0 without any.
 
-    As much as a vibration that counts has: in a walk's own movements no spectrum tells the two from one another. The window's side
-    lobes, -92 dB, are less than that below the swings of arms and legs.
+    It needs the energy of a vibration that counts, `LEAST_LINE_DB`: no spectrum tells it from a walk's own movements. The window's
+    side lobes lie at -92 dB, so that the swings of arms and legs leak less than that.
     """
     count = min(len(phases), round(STEADY_S * rate_hz))
     window = blackmanharris(count - 2, sym=False)
@@ -355,11 +354,11 @@ def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = ST
 
 
 def _spectra(phases: np.ndarray, rate_hz: float, window: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies (F,) [Hz] and energies of phases (K, V) at these (F, V) [rad^2], which add up to their mean squares; the window
-    is two shorter.
+    """Frequencies (F,) [Hz] and energies (F, V) [rad^2] of phases (K, V) [rad] at these, which add up to the phases' mean squares;
+    the window is two samples shorter than the phases.
 
-    They are those of accelerations, divided by the fourth power of the frequency: a window then keeps the strong slow movements
-    out of the weak fast ones.
+    They are those of accelerations, divided by the fourth power of the frequency: a window then keeps the strong slow movements out
+    of the weak fast ones.
     """
     accelerations = np.diff(phases, n=2, axis=0) * (rate_hz / (2 * math.pi)) ** 2
     count = len(accelerations)
@@ -387,7 +386,7 @@ def _specular_paths(ellipsoids: Ellipsoids, times_s: np.ndarray, radar: Radar) -
 
 
 def _evenly(count: int, most: int) -> np.ndarray:
-    """Numbers below a count, evenly spaced and at most so many."""
+    """At most `most` whole numbers below `count`, evenly spaced."""
     return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 

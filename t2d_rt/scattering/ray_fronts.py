@@ -11,15 +11,15 @@ from t2d_rt.geometry.vectors import norms, unit, vector_product
 from t2d_rt.scattering.reflectors import Lattice, PosedReflectors, Reflectors, dot
 
 LIFT_WAVELENGTHS = 0.1
-"""Rays start so far off a curved facet [wavelengths], which is more than it bulges; what they meet is found of the ray from the
-surface itself."""
+"""Distance from a curved facet at which rays start [wavelengths], which is more than it bulges; the point that they meet is then
+found with the ray from the surface itself."""
 FLAT_LIFT_M = 2e-5
-"""And so far off a flat one: what is missed at the rim of another surface is no more than that."""
+"""Distance from a flat facet at which rays start [m]; what is missed at the rim of another surface is no more than that."""
 LEAST_COSINE = 0.8
-"""Between the true normals at a footprint's corners and that of the plane through them; less, and the corners lie on different
-surfaces."""
+"""Least cosine of the angle between the true normals at a footprint's corners and the normal of the plane through them; if it is
+less, the corners lie on different surfaces."""
 GRAZING = 0.03
-"""Cosine of incidence from which a footprint has the area that it has there."""
+"""Least cosine of incidence: at more grazing incidence a tube's section is taken as this fraction of its footprint (eq. 31)."""
 
 
 class Traced(NamedTuple):
@@ -28,17 +28,17 @@ class Traced(NamedTuple):
     face: np.ndarray
     """Face that each ray meets (N,), -1 where it meets none."""
     weights: np.ndarray
-    """Barycentric coordinates (N, 3)."""
+    """Barycentric coordinates of the point in that face, (N, 3)."""
 
 
 class RayTracer(Protocol):
     """Finds the first surface along rays, and whether two points see each other."""
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Any:
-        """The faces that rays (N, 3) meet first, and where on them."""
+        """The faces that rays with origins (N, 3) [m] and directions (N, 3) meet first, and where on them."""
 
     def free(self, origins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Whether nothing lies between points, (N,)."""
+        """Whether nothing lies between origins (N, 3) and ends (3,) or (N, 3) [m], bool (N,)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,16 +53,16 @@ class Instant:
     wavelength_m: float
 
     def lift_m(self, faces: np.ndarray) -> np.ndarray:
-        """Distance from facets (N,) at which rays start, (N,)."""
+        """Distance [m] from facets (N,) at which rays start, (N,)."""
         return np.where(self.reflectors.curved[faces], LIFT_WAVELENGTHS * self.wavelength_m, FLAT_LIFT_M)
 
     def lifted(self, front: Front, paths: np.ndarray, towards: np.ndarray) -> np.ndarray:
-        """Where rays start that leave a surface: off it, and off another one that meets it there."""
+        """Points (N, 3) [m] where rays start that leave a surface: off it, and off another one that meets it there."""
         lift_m = self.lift_m(front.faces[paths, -1])[:, None]
         return np.asarray(front.place[paths] + lift_m * (1.5 * front.normal[paths] + towards))
 
     def visible(self, place_m: np.ndarray, front: Front, asked: np.ndarray) -> np.ndarray:
-        """Which of the chosen points, bool (N,), a place sees, bool (N,)."""
+        """Which of the points `asked`, bool (N,), of a front are visible from a place (3,) [m], bool (N,)."""
         towards = unit(place_m - front.place)
         visible = asked & (dot(towards, front.normal) > 0)
         paths = np.flatnonzero(visible)
@@ -75,33 +75,33 @@ class Front:
     """Where rays are on a surface, and the tubes between them."""
 
     faces: np.ndarray
-    """(N, B)."""
+    """Facets that the N paths have met at B bounces, (N, B)."""
     coordinates: np.ndarray
-    """(N, B, 3)."""
+    """Where the paths met these facets (`PosedReflectors.coordinates`), (N, B, 3)."""
     sense: np.ndarray
-    """(N, B - 1)."""
+    """Signs of the parts between bounces, as in `Tubes.sense`, (N, B - 1)."""
     length_m: np.ndarray
-    """Lengths of the paths so far (N,)."""
+    """Lengths of the paths so far [m], (N,)."""
     place: np.ndarray
-    """Points on the last surface (N, 3) m."""
+    """Points on the last surface [m], (N, 3)."""
     normal: np.ndarray
-    """(N, 3)."""
+    """Unit normals at these points, (N, 3)."""
     incoming: np.ndarray
-    """Unit directions in which rays arrive (N, 3)."""
+    """Unit directions in which rays arrive, (N, 3)."""
     triangles: np.ndarray
-    """(M, 3)."""
+    """Paths at the corners of the M tubes, (M, 3)."""
     weight: np.ndarray
-    """Fraction of each tube that got here, times what conservation of power takes from its start (M,)."""
+    """Fraction of each tube that got here, times sqrt(2 A_1)/R_t of its start (eq. 31), (M,)."""
     reflection: np.ndarray
     """Product of the reflection coefficients so far, complex (M,)."""
     lead: np.ndarray
-    """Corner whose path alone is traced on, the others keeping to the plane that touches the surface where it meets one; -1: all
-    are (M,)."""
+    """Corner whose path alone is traced on, while the others keep to the plane that touches the surface where it meets one; -1: all
+    three are traced, (M,)."""
     number: np.ndarray
-    """Of the lattice's triangle that each tube began with (M,)."""
+    """Number of the lattice's part that each tube began with, (M,)."""
 
     def only(self, tubes: np.ndarray) -> Front:
-        """Some of the tubes, bool (M,), and their paths."""
+        """The tubes that are chosen, bool (M,), and their paths."""
         used, triangles = np.unique(self.triangles[tubes], return_inverse=True)
         of_tubes = ("weight", "reflection", "lead", "number")
         of_paths = [name for name in Front.__slots__ if name not in ("triangles", *of_tubes)]
@@ -112,7 +112,7 @@ class Front:
 
 
 def launched(instant: Instant, lattice: Lattice) -> Front:
-    """The front on the first surface, where any corner of a part of the lattice is lit."""
+    """The front on the first surface: tubes of those parts of the lattice of which any corner is lit."""
     posed = instant.posed
     place, normal = posed.places(lattice.face, lattice.weights), posed.normals_at(lattice.face, lattice.weights)
     range_m = norms(place - instant.transmitter_m)
@@ -139,7 +139,7 @@ def launched(instant: Instant, lattice: Lattice) -> Front:
 
 
 def outgoing(instant: Instant, front: Front) -> tuple[np.ndarray, np.ndarray, Traced]:
-    """Which paths go on, (P,), their directions (P, 3), and what they meet."""
+    """Numbers of the paths that go on, (P,), their directions (P, 3), and what they meet."""
     paths = np.flatnonzero(dot(front.incoming, front.normal) < 0)
     normal, incoming = front.normal[paths], front.incoming[paths]
     direction = incoming - 2 * dot(incoming, normal)[:, None] * normal
@@ -151,17 +151,17 @@ class _Met:
     """Where the rays of a front meet a surface again."""
 
     direction: np.ndarray
-    """Direction in which they left, 0 where they did not (N, 3)."""
+    """Direction in which each ray left, 0 where it did not, (N, 3)."""
     face: np.ndarray
-    """(N,), -1 where they meet none."""
+    """Facet that each ray meets, -1 where it meets none, (N,)."""
     place: np.ndarray
-    """(N, 3) m."""
+    """Points where the rays meet a facet [m], (N, 3)."""
     normal: np.ndarray
-    """(N, 3)."""
+    """Unit normals at these points, (N, 3)."""
     valid: np.ndarray
-    """Which meet one from its front, bool (N,)."""
+    """Which rays meet a facet from its front, bool (N,)."""
     seen: np.ndarray
-    """Which start where the transmitter sees the surface, bool (N,)."""
+    """Which of these start where the transmitter sees the surface, bool (N,)."""
 
     @classmethod
     def of(cls, instant: Instant, front: Front) -> _Met:
@@ -171,20 +171,20 @@ class _Met:
         direction[paths], face[paths] = directions, hits.face
         place, normal = front.place.copy(), front.normal.copy()
         met, at = np.flatnonzero(face >= 0), face[face >= 0]
-        # Rays were lifted off the surface; this is of the ray from the surface itself.
+        # Rays were lifted off the surface; this is where the ray from the surface itself arrives.
         weights = posed.on_surface(at, hits.weights[hits.face >= 0], front.place[met], direction[met])
         place[met], normal[met] = posed.places(at, weights), posed.normals_at(at, weights)
         ahead = dot(place - front.place, direction) > -instant.lift_m(front.faces[:, -1])
         valid = (face >= 0) & (dot(direction, normal) < 0) & ahead
-        # Later surfaces are where rays came to.
+        # Where rays have arrived on later surfaces, nothing was in their way.
         seen = instant.visible(instant.transmitter_m, front, valid) if front.faces.shape[1] == 1 else valid
         return cls(direction, face, place, normal, valid, seen)
 
 
 def reflected(instant: Instant, front: Front) -> Front:
-    """A front on the surfaces that tubes meet next.
+    """The front on the surfaces that tubes meet next.
 
-    A tube whose corners lie on one surface goes on as it is. Of others each corner that meets a surface stands for a third of the
+    A tube whose corners meet one surface goes on as it is. Otherwise each corner that meets a surface stands for a third of the
     tube, which goes on to the plane that touches the surface there.
     """
     met = _Met.of(instant, front)
@@ -223,7 +223,7 @@ def reflected(instant: Instant, front: Front) -> Front:
 
 
 def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: int) -> Front:
-    """What one corner of some tubes, by their numbers, stands for, going on to the plane that touches the surface it meets."""
+    """Thirds of some tubes, by their numbers, for which one corner stands, on the plane that touches the surface which it meets."""
     triangles = front.triangles[tubes]
     base = triangles[:, corner]
     start, direction = front.place[triangles], met.direction[triangles]
@@ -255,9 +255,9 @@ def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: i
 
 
 def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """(-j) to the power of the focal lines that tubes pass from triangles (M, 3, 3) to others along (M, 3), complex (M,).
+    """(-j) to the power of the number of focal lines that tubes pass from triangles (M, 3, 3) to others along (M, 3), complex (M,).
 
-    A section of the tube is mapped to a later one by I + s B, whose determinant changes its sign at each focal line.
+    A section of the tube is mapped to a later one by 1 + s C, whose determinant changes its sign at each focal line (eq. 31).
     """
     (p, q), (u, v) = two_edges(start), two_edges(end)
     before = dot(vector_product(p, q), direction)
@@ -267,7 +267,7 @@ def focal_phase(start: np.ndarray, end: np.ndarray, direction: np.ndarray) -> np
 
 
 def _joined(fronts: list[Front]) -> Front:
-    """Several as one, without tubes that nothing is left of."""
+    """Several fronts as one, without tubes of weight 0."""
     fronts = [front.only(front.weight != 0) for front in fronts]
     first = np.cumsum([0, *(len(front.place) for front in fronts)])
     columns = {name: np.concatenate([getattr(front, name) for front in fronts]) for name in Front.__slots__}
@@ -278,10 +278,10 @@ def _joined(fronts: list[Front]) -> Front:
 
 
 def two_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Edges from the first corner of triangles (M, 3, 3), (M, 3) each."""
+    """The two edges from the first corner of triangles (M, 3, 3), (M, 3) each."""
     return triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
 
 
 def seen_area(triangles: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Twice the area of triangles (M, 3, 3) as seen along (M, 3), with its sign."""
+    """Twice the area of triangles (M, 3, 3) as seen along directions (M, 3), with its sign, (M,)."""
     return dot(vector_product(*two_edges(triangles)), direction)

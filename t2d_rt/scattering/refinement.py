@@ -22,21 +22,22 @@ from t2d_rt.types import ByPart, MovingMesh, Radar
 # the curved surface by a tenth of this phase or so, always the same.
 POINT_SAGITTA_RAD = 0.7
 KEPT_FACETS = 300_000
-"""Refinements are kept, the last used ones, for as many facets: some 800 bytes each. Others are read from disk in milliseconds."""
+"""Facets of the last used refinements that are kept in memory, at some 800 bytes each; others are read from disk in
+milliseconds."""
 REFINING_BYTES = 1_700
-"""What a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
+"""Memory [bytes] that a facet takes while it is made (measured with 110 000 to 1 000 000 facets of a body)."""
 MOST_FACETS = 1_000_000
-"""Facets of one mesh, unless a run may take more memory."""
+"""Greatest number of facets of one mesh, unless a run may take more memory."""
 ROWS_AT_ONCE = 1_000
-"""Vertices carried along at once: their positions at all instants of a block fit the cache."""
+"""Number of vertices carried along at once: their positions at all instants of a block fit the cache."""
 _by_key: OrderedDict[str, Refinement] = OrderedDict()
 KEPT_FLAT = 200_000
-"""Flat facets of curved refinements are kept, the last used ones, for as many of them."""
+"""Number of flat facets of the last used curved refinements that are kept in memory."""
 _flat: OrderedDict[tuple[str, bytes], Refinement] = OrderedDict()
 _lock = threading.Lock()
 """Held by the thread that looks into `_by_key` and `_flat`."""
 Sagitta = float | np.ndarray
-"""One phase sagitta [rad], or one for each vertex (V,)."""
+"""One phase sagitta [rad], or one for each vertex, (V,)."""
 
 
 def facets(
@@ -65,10 +66,11 @@ def facets(
 def refined(
     surface: MovingMesh, wavenumber: float, range_m: float, sagittas_rad: list[Sagitta], max_facets: int
 ) -> list[Refinement]:
-    """`refinements` of a mesh, each kept for the next recording of the same body or of one that is refined as the same shape, on
-    disk too; those that are missing are made together.
+    """Refinements of a mesh, one for each sagitta. Each is kept, on disk too, for the next recording of the same body or of one
+    that is refined as the same shape; those that are missing are made together. Raises InputError if one has more than
+    `max_facets`.
 
-    range_m: as `least_range_m` rounds it, so that recordings at about the same distance share them.
+    `wavenumber` is in rad/m, and `range_m` as `least_range_m` rounds it, so that recordings at about the same distance share them.
     """
     rest = surface.refined_rest
     common = rest, surface.faces, wavenumber, range_m, surface.crease_deg, surface.curved
@@ -97,7 +99,7 @@ def refined(
 
 
 def _needed(key: str, max_facets: int) -> bool:
-    """Whether a refinement must be made: it is not kept, or has more facets than are allowed, which making it will tell."""
+    """Whether a refinement must be made: it is not kept, or it has too many facets, which making it will report."""
     if key not in _by_key and (arrays := disk_cache.read(key, _ARRAYS)) is not None:
         _by_key[key] = replace(_of_arrays(arrays), key=key)
     return key not in _by_key or len(_by_key[key].faces) > max_facets
@@ -109,7 +111,7 @@ _ARRAYS = "faces", "base_face", "middles", *(f"{name}_{part}" for name in _MATRI
 
 
 def _as_arrays(refinement: Refinement) -> dict[str, np.ndarray]:
-    """A refinement as it is kept on disk; what flat facets lack is empty."""
+    """A refinement as arrays for the disk; those that flat facets lack are empty."""
     from scipy.sparse import csr_matrix
 
     middles = np.empty((0, 3), np.int32) if refinement.middles is None else refinement.middles
@@ -155,7 +157,7 @@ def flattened(refinement: Refinement, rest: np.ndarray) -> Refinement:
 
 
 def most_facets(memory: MemoryLimit) -> int:
-    """Most facets of one mesh, in the memory that a run may take."""
+    """Greatest number of facets of one mesh in the memory that a run may take."""
     return int(memory.limit_bytes / REFINING_BYTES)
 
 
@@ -167,7 +169,7 @@ def forget() -> None:
 
 
 def apply_operator(operator: Csr, values: np.ndarray) -> np.ndarray:
-    """Applies a sparse (Vf, V) to values (K, V, C) of the cage: (Vf, K, C), in memory as `aligned` has it."""
+    """Applies a sparse matrix (Vf, V) to values (K, V, C) of the cage and returns (Vf, K, C), in memory of `aligned_empty`."""
     rows, (frames, count, width) = operator.shape[0], values.shape
     columns = np.ascontiguousarray(values.transpose(1, 0, 2)).reshape(count, frames * width)
     size = rows * frames * width
@@ -178,5 +180,5 @@ def apply_operator(operator: Csr, values: np.ndarray) -> np.ndarray:
         block = slice(first, first + ROWS_AT_ONCE)
         out[block] = operator[block] @ columns
 
-    in_threads(carry, range(0, rows, ROWS_AT_ONCE))  # a sparse product leaves Python's lock alone
+    in_threads(carry, range(0, rows, ROWS_AT_ONCE))  # a sparse product releases Python's lock
     return out.reshape(rows, frames, width)

@@ -15,10 +15,10 @@ from t2d_rt.scattering.refinement import apply_operator
 from t2d_rt.types import MovingMesh
 
 NEWTON_STEPS = 2
-"""From a flat facet along a ray to the curved one: the first leaves some 10 um of 0.4 mm."""
+"""Number of Newton's steps along a ray from a flat facet to the curved one: the first leaves some 10 um of 0.4 mm."""
 INWARD = 0.01
-"""Points at a facet's rim lie inside it by about that fraction of their spacing: whether a ray meets what just ends there is a
-matter of rounding."""
+"""Points at a facet's rim are moved inside it by about this fraction of their spacing, because whether a ray meets what just ends
+there would be a matter of rounding."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,12 +28,12 @@ class Reflector:
     surface: MovingMesh
     facets: Refinement
     reflection: np.ndarray
-    """Gamma of each facet's surface times the fraction that stays coherent, complex (F,)."""
+    """Gamma of each facet's surface times the fraction of the field that stays coherent, complex (F,)."""
 
 
 class Reflectors:
-    """The facets of all targets, numbered through: corners 0, 1, 2 of a facet and, of a curved one, a vertex near the middle of
-    each edge."""
+    """The facets of all targets, numbered through. A facet has vertices at corners 0, 1, 2 and, if it is curved, one near the
+    middle of each edge."""
 
     def __init__(self, reflectors: Sequence[Reflector]) -> None:
         self._reflectors = reflectors
@@ -43,26 +43,26 @@ class Reflectors:
         self.faces = np.concatenate(
             [target.facets.faces + start for target, start in zip(reflectors, first, strict=True)]
         )
-        """Corners (F, 3)."""
+        """Vertices at the corners of each facet, (F, 3)."""
         middles = [
             target.facets.faces if (numbers := target.facets.middles) is None else numbers for target in reflectors
         ]
         self._middles = np.concatenate([numbers + start for numbers, start in zip(middles, first, strict=True)])
         sizes = [len(target.facets.faces) for target in reflectors]
         self.curved = np.repeat([target.facets.middles is not None for target in reflectors], sizes)
-        """Which facets are (F,)."""
+        """Which facets are curved, bool (F,)."""
         self.reflection = np.concatenate([target.reflection.conjugate() for target in reflectors])
-        """Of each facet conj(Gamma), as IF = tx conj(rx), complex (F,)."""
+        """conj(`Reflector.reflection`) of each facet, as IF = tx conj(rx), complex (F,)."""
         self.rest = np.concatenate([target.facets.at(target.surface.rest) for target in reflectors])
-        """Vertices at rest (V, 3)."""
+        """Vertices at rest [m], (V, 3)."""
         self.target = np.repeat(np.arange(len(reflectors)), sizes)
-        """The target that each facet belongs to (F,)."""
+        """The target that each facet belongs to, (F,)."""
         self._crease = np.repeat(
             [180.0 if target.facets.middles is not None else target.surface.crease_deg for target in reflectors], sizes
         )
 
     def at(self, times_s: np.ndarray) -> np.ndarray:
-        """Vertices (K, V, 3) m at these times."""
+        """Vertices [m] (K, V, 3) at times (K,) [s]."""
         cages = (target.facets.controlled(target.surface.at(times_s)) for target in self._reflectors)
         posed = (
             apply_operator(target.facets.operator, cage) for target, cage in zip(self._reflectors, cages, strict=True)
@@ -71,13 +71,13 @@ class Reflectors:
 
     @cached_property
     def edge_m(self) -> np.ndarray:
-        """Longest edge of each facet at rest (F,)."""
+        """Longest edge of each facet at rest [m], (F,)."""
         corners = self.rest[self.faces]
         return np.asarray(norms(corners - np.roll(corners, 1, axis=1)).max(axis=1))
 
     @cached_property
     def smooth(self) -> Csr:
-        """Sparse (3 F, 3 F): from a normal for each facet's corner to the mean over those that meet there without a crease."""
+        """Sparse matrix (3 F, 3 F) that sums the normals at facets' corners over those that meet there without a crease."""
         from scipy.sparse import csr_array
 
         slots, count = self.faces.ravel(), self.faces.size
@@ -91,7 +91,7 @@ class Reflectors:
 
     @cached_property
     def neighbours(self) -> Csr:
-        """Sparse (F, F): 1 where two facets share a corner."""
+        """Sparse matrix (F, F) that is not 0 where two facets share a corner."""
         from scipy.sparse import csr_array
 
         count = len(self.faces)
@@ -102,7 +102,7 @@ class Reflectors:
         return of_vertex @ of_vertex.T
 
     def posed(self, vertices: np.ndarray) -> PosedReflectors:
-        """The facets in a pose (V, 3) m."""
+        """The facets in the pose with vertices (V, 3) [m]."""
         corners = vertices[self.faces]
         after = np.roll(corners, -1, axis=1)
         bulges = np.where(self.curved[:, None, None], 4 * vertices[self._middles] - 2 * (corners + after), 0)
@@ -119,19 +119,19 @@ class PosedReflectors:
     """Facets in one pose."""
 
     corners: np.ndarray
-    """(F, 3, 3) m."""
+    """Corners [m], (F, 3, 3)."""
     bulges: np.ndarray
-    """By which edges 01, 12, 20 leave the chord: four times that at the middle (F, 3, 3) m."""
+    """Four times the vector by which the middle of edges 01, 12, 20 lies off the chord [m], (F, 3, 3)."""
     normals: np.ndarray
-    """At the corners, unit (F, 3, 3)."""
+    """Unit normals at the corners, (F, 3, 3)."""
 
     def places(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Places (N, 3) m in facets (N,) at barycentric coordinates (N, 3)."""
+        """Places (N, 3) [m] in facets (N,) at barycentric coordinates (N, 3)."""
         pairs = weights * np.roll(weights, -1, axis=1)
         return _sum(weights, self.corners[face]) + _sum(pairs, self.bulges[face])
 
     def normals_at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Unit normals (N, 3) there."""
+        """Unit normals (N, 3) of facets (N,) at barycentric coordinates (N, 3)."""
         return unit(_sum(weights, self.normals[face]))
 
     def on_surface(
@@ -145,7 +145,7 @@ class PosedReflectors:
         for _ in range(NEWTON_STEPS):
             following = np.roll(weights, -1, axis=1)
             place = _sum(weights, corners) + _sum(weights * following, bulges)
-            # Derivatives by each coordinate, of which a bulge has two.
+            # Derivatives by each coordinate; a bulge depends on two of them.
             slopes = corners + bulges * following[..., None] + np.roll(bulges * weights[..., None], 1, axis=1)
             u, v = slopes[:, 1] - slopes[:, 0], slopes[:, 2] - slopes[:, 0]
             offset = origins - place
@@ -157,7 +157,7 @@ class PosedReflectors:
         return weights
 
     def coordinates(self, face: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Places (N, 3) m in the frames of facets (N,), (N, 3): along two edges, and along the normal [m]."""
+        """Coordinates (N, 3) of places (N, 3) [m] in facets (N,): fractions of two edges, and the distance along the normal [m]."""
         first, u, v, normal = frames(self.corners[face])
         offset = places - first
         along_v, along_u = vector_product(v, normal), vector_product(normal, u)
@@ -166,13 +166,13 @@ class PosedReflectors:
 
 
 def frames(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """First corner, two edges and unit normal of triangles (..., 3, 3)."""
+    """First corners, two edges and unit normals, (..., 3) each, of triangles (..., 3, 3)."""
     u, v = _edges(corners)
     return corners[..., 0, :], u, v, unit(vector_product(u, v))
 
 
 def carried_along(corners: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
-    """Places (..., 3) m of `Posed.coordinates` (..., 3) in triangles (..., 3, 3) as they are now."""
+    """Places (..., 3) [m] of `PosedReflectors.coordinates` (..., 3) in triangles (..., 3, 3) [m] as they are now."""
     first, u, v, normal = frames(corners)
     return first + coordinates[..., :1] * u + coordinates[..., 1:2] * v + coordinates[..., 2:] * normal
 
@@ -182,9 +182,9 @@ class Lattice:
     """Triangles on facets, fixed in them, with points at their corners and at the middles of their edges."""
 
     face: np.ndarray
-    """Facet of each point (N,)."""
+    """Facet of each point, (N,)."""
     weights: np.ndarray
-    """Its barycentric coordinates (N, 3)."""
+    """Barycentric coordinates of each point in its facet, (N, 3)."""
     nodes: np.ndarray
     """Points at the corners of each triangle, oriented like the facets, and at the middles of edges 01, 12 and 20, (M, 6)."""
 
@@ -228,7 +228,7 @@ def lattice(reflectors: Reflectors, faces: np.ndarray, spacing_m: float) -> Latt
 
 
 def _with_middles(face: np.ndarray, weights: np.ndarray, triangles: np.ndarray) -> Lattice:
-    """A lattice of triangles (M, 3) between points on facets (N,), (N, 3)."""
+    """A lattice of triangles (M, 3) between points in facets (N,) at barycentric coordinates (N, 3)."""
     ends = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2)
     edges, inverse = np.unique(np.sort(ends, axis=2).reshape(-1, 2), axis=0, return_inverse=True)
     nodes = np.concatenate([triangles, len(face) + inverse.reshape(-1, 3)], axis=1)
@@ -239,7 +239,7 @@ def _with_middles(face: np.ndarray, weights: np.ndarray, triangles: np.ndarray) 
 
 
 def _grid(parts: int) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric coordinates (N, 3) of a triangle cut into parts^2, and these (parts^2, 3)."""
+    """Barycentric coordinates (N, 3) of the points of a triangle cut into parts^2, and these triangles (parts^2, 3)."""
     rows = [(i, j) for i in range(parts + 1) for j in range(parts + 1 - i)]
     number = {place: k for k, place in enumerate(rows)}
     triangles = [[number[i, j], number[i + 1, j], number[i, j + 1]] for i in range(parts) for j in range(parts - i)]

@@ -1,4 +1,4 @@
-"""Scatterers joined into one, and put together into as few as are summed one after another."""
+"""Scatterers joined into one, or into batches that are summed one after another, and scatterers at other frame times."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from t2d_rt.types import EchoArrays, Radar
 from t2d_rt.types.scatterer import EchoLabels, FrameBlock, Poses, Scatterer, Visibility
 
 MOST_ECHOES = 150_000
-"""Echoes that are summed together; in a window of frames they take some 1 GB. More of them are summed in several parts."""
+"""Greatest number of echoes that are summed together, which in a window of frames take some 1 GB; more are summed in parts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Joined(Scatterer):
-    """Scatterers with the same frame times as one."""
+    """Several scatterers with the same frame times, as one."""
 
     scatterers: tuple[Scatterer, ...]
 
@@ -58,7 +58,7 @@ def joined(scatterers: Sequence[Scatterer]) -> Scatterer:
 
 
 def batches(scatterers: Sequence[Scatterer], radar: Radar) -> list[Scatterer]:
-    """Scatterers, or their parts, of the same frame times joined in order into as few as have at most `most_echoes` each."""
+    """Joins scatterers, or their parts, of the same frame times in order into batches of at most `most_echoes` echoes each."""
     by_frames: dict[int, list[list[Scatterer]]] = {}
     for scatterer in scatterers:
         lots = by_frames.setdefault(len(scatterer.times_s), [])
@@ -70,7 +70,7 @@ def batches(scatterers: Sequence[Scatterer], radar: Radar) -> list[Scatterer]:
 
 
 def most_echoes(radar: Radar) -> int:
-    """How many echoes are summed together; an array's hold their places, too."""
+    """Greatest number of echoes that are summed together; it is half for an array, whose echoes hold their places, too."""
     return MOST_ECHOES // 2 if radar.is_array else MOST_ECHOES
 
 
@@ -87,7 +87,7 @@ class Resampled(Scatterer):
 
     @classmethod
     def of(cls, source: Scatterer, times_s: np.ndarray) -> Resampled:
-        """At uniform times (T,)."""
+        """`source` at uniform times (T,) [s] over the same record."""
         return cls(times_s=times_s, source=source, echoes=source.echoes, vertices=source.vertices)
 
     @override

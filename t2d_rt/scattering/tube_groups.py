@@ -1,5 +1,5 @@
-"""Groups of ray tubes, an echo each: those between the same cells of the surfaces, whose phase beside that of the strongest changes
-slowly from frame to frame."""
+"""Groups of ray tubes, which return one echo each: tubes between the same cells of the surfaces, whose phases relative to the
+strongest one change slowly from frame to frame."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from t2d_rt.scattering.tubes import Tubes
 from t2d_rt.types import Radar
 
 LEFT_OUT = 1e-4
-"""Such a fraction of the power of all groups the weakest ones hold, which are left out."""
+"""The weakest groups, which together hold this fraction of the power between two targets, are left out."""
 MOST_LANES = 4_000_000
-"""Lanes of a kernel."""
+"""Greatest number of lanes of a kernel."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cells:
-    """A grid over the targets at rest."""
+    """A grid of cubes over the targets at rest."""
 
     reflectors: Reflectors
     origin: np.ndarray
@@ -40,7 +40,7 @@ class Cells:
         return cls(reflectors, low, np.ceil((high - low) / size_m).astype(np.int64) + 1, size_m)
 
     def numbers(self, faces: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
-        """The cells of points on the surfaces, (...)."""
+        """Numbers (...) of the cells of points in facets (...) at `PosedReflectors.coordinates` (..., 3)."""
         rest = carried_along(self.reflectors.rest[self.reflectors.faces[faces]], coordinates)
         place = np.clip(((rest - self.origin) / self.size_m).astype(np.int64), 0, self.counts - 1)
         target = self.reflectors.target[faces]
@@ -55,9 +55,9 @@ class TubeSample:
 
     tubes: Tubes
     codes: np.ndarray
-    """Cells of each group's paths, in lexical order (G, B)."""
+    """Numbers of the cells that the paths of each group meet, in lexical order, (G, B)."""
     group: np.ndarray
-    """Of each tube, ascending; the strongest of a group comes first (M,)."""
+    """Group of each tube, ascending; the strongest tube of a group comes first, (M,)."""
 
     @classmethod
     def of(cls, tubes: Tubes, cells: Cells) -> TubeSample:
@@ -71,7 +71,7 @@ class TubeSample:
 
     @property
     def strongest(self) -> np.ndarray:
-        """Tube of each group (G,)."""
+        """Number of the strongest tube of each group, (G,)."""
         return np.flatnonzero(np.diff(self.group, prepend=-1))
 
     def of_carriers(self) -> TubeSample:
@@ -80,7 +80,7 @@ class TubeSample:
 
     @property
     def carriers(self) -> np.ndarray:
-        """Path of each group that its delay is that of (G,)."""
+        """Path that gives each group's echo its delay, (G,)."""
         return self.tubes.nodes[self.strongest, 0]
 
 
@@ -92,31 +92,31 @@ def _differs(rows: np.ndarray) -> np.ndarray:
 
 
 def _counting(power: np.ndarray) -> np.ndarray:
-    """Numbers of those that hold all but a small fraction of the power (N,), ascending."""
+    """Numbers, ascending, of the groups that hold all but `LEFT_OUT` of the power (N,)."""
     order = np.argsort(power, kind="stable")
     return np.sort(order[np.cumsum(power[order]) > LEFT_OUT * power.sum()])
 
 
 @dataclass(frozen=True, slots=True)
 class Groups:
-    """Groups of tubes over the whole record: an echo each."""
+    """Groups of tubes over the whole record, which return one echo each."""
 
     bounces: np.ndarray
-    """(G,)."""
+    """Number of bounces of each group, (G,)."""
     codes: np.ndarray
-    """Cells of their paths, in lexical order among those of as many bounces, -1 beyond the last (G, B)."""
+    """Cells that their paths meet, in lexical order among groups of as many bounces, -1 beyond the last bounce, (G, B)."""
     faces: np.ndarray
-    """Facets that the strongest tube meets: its path is the carrier (G, B)."""
+    """Facets that the strongest tube meets; its path is the carrier, (G, B)."""
     coordinates: np.ndarray
-    """Where in them (G, B, 3)."""
+    """Where the carrier meets these facets (`PosedReflectors.coordinates`), (G, B, 3)."""
 
     def __len__(self) -> int:
         return len(self.bounces)
 
     @classmethod
     def of(cls, samples: Sequence[TubeSample], powers: Sequence[np.ndarray], most: int, target: np.ndarray) -> Groups:
-        """All groups of up to `most` bounces that there are in any sample, without those that return next to nothing of what there
-        is between the same two targets; `powers` are what each sample's groups (G,) return, `target` that of each facet (F,)."""
+        """All groups of up to `most` bounces in any sample, without the weakest between the same two targets (`LEFT_OUT`); `powers`
+        are those of each sample's groups (G,), `target` (F,) is that of each facet."""
         of_samples: list[Groups] = []
         for sample in samples:
             tubes, path = sample.tubes, sample.carriers
@@ -152,14 +152,14 @@ class Groups:
         return Groups(self.bounces[chosen], self.codes[chosen], self.faces[chosen], self.coordinates[chosen])
 
     def of_bounces(self, bounces: int) -> tuple[Groups, int]:
-        """The groups of so many bounces, and the number of the first."""
+        """The groups of that number of bounces, and the number of the first."""
         first, last = np.searchsorted(self.bounces, [bounces, bounces + 1])
         rows = slice(first, last)
         narrow = (column[rows, :bounces] for column in (self.codes, self.faces, self.coordinates))
         return Groups(self.bounces[rows], *narrow), int(first)
 
     def columns(self, codes: np.ndarray) -> np.ndarray:
-        """Where groups of as many bounces stand among these, (N,) for (N, B); -1 for those that do not."""
+        """Numbers (N,), among these groups, of groups of as many bounces with codes (N, B); -1 for those that are not there."""
         if not len(self):
             return np.full(len(codes), -1)
         joined = np.concatenate([self.codes, codes])
@@ -174,11 +174,11 @@ class Frames:
     """Targets at some frames."""
 
     vertices: np.ndarray
-    """(T, V, 3) m."""
+    """Vertices [m], (T, V, 3)."""
     track: VertexTrack
     """The vertices on the device."""
     facets: np.ndarray
-    """Corners (F, 3)."""
+    """Vertices at the corners of each facet, (F, 3)."""
     radar: Radar
 
     @classmethod
@@ -188,7 +188,7 @@ class Frames:
         return cls(vertices, VertexTrack(vertices, backend), reflectors.faces, radar)
 
     def powers(self, sample: TubeSample) -> np.ndarray:
-        """What the groups of a sample return at the first frame (G,)."""
+        """Power that the groups of a sample return at the first frame, but for a common factor, (G,)."""
         tubes, path, first = sample.tubes, sample.carriers, np.arange(1)
         if not len(path):
             return np.zeros(0)
@@ -197,12 +197,12 @@ class Frames:
         return np.asarray(np.abs(sums[:, 0]) ** 2)
 
     def lengths(self, faces: np.ndarray, coordinates: np.ndarray, sense: np.ndarray, frames: np.ndarray) -> Any:
-        """Lengths of paths (N, B) at some of the frames (K,), as `path_lengths`."""
+        """Lengths [m] of paths over facets (N, B) at some of the frames (K,), as `path_lengths` gives them."""
         ends = self.radar.tx_position_m, self.radar.rx_position_m
         return path_lengths(self.track, frames, self.facets[faces], coordinates, sense, ends)
 
     def places(self, groups: Groups, end: np.ndarray) -> np.ndarray:
-        """Where the carriers of groups meet a surface, the first time or the last (G,), at all frames (T, G, 3) m."""
+        """Places [m] where the carriers of groups meet a surface at their bounce number `end` (G,), at all frames, (T, G, 3)."""
         numbers = np.arange(len(groups))
         corners = self.facets[groups.faces[numbers, end]]
         return np.stack([carried_along(vertex[corners], groups.coordinates[numbers, end]) for vertex in self.vertices])
@@ -210,8 +210,8 @@ class Frames:
     def sums(
         self, sample: TubeSample, column: np.ndarray, carriers_m: np.ndarray, frames: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Fields of a sample's groups that have a column (G,), not -1, among the carriers (G', T), and their derivatives, at some
-        frames: complex (G'', K)."""
+        """Fields of those of a sample's groups whose column (G,) among the carriers (G', T) [m] is not -1, and their derivatives as
+        in `tube_fields`, at some frames: complex (G'', K)."""
         backend, tubes, row = self.track.backend, sample.tubes, np.cumsum(column >= 0) - 1
         used = (column >= 0)[sample.group]
         totals = np.zeros((2, np.count_nonzero(column >= 0), len(frames)), complex)
@@ -243,7 +243,7 @@ class VertexTrack:
     """Vertices at some frames, on the device."""
 
     def __init__(self, vertices: np.ndarray, backend: Backend) -> None:
-        """(T, V, 3) m."""
+        """Puts vertices (T, V, 3) [m] on the device."""
         self.frames, self.vertices = vertices.shape[:2]
         self.backend = backend
         self.numbers = backend.lanes(vertices, backend.Float64)
@@ -259,8 +259,8 @@ def path_lengths(
 ) -> Any:
     """Lengths [m] of paths from a transmitter over B points to a receiver at some of a track's frames (K,): flat Float64 (N, K).
 
-    The points lie in triangles with vertices `corners` (N, B, 3) at `coordinates` (N, B, 3); `sense` (N, B - 1) is that of the
-    parts between them.
+    The points lie in triangles with vertices `corners` (N, B, 3) at `coordinates` (N, B, 3); `sense` (N, B - 1) is the sign of each
+    part between them.
     """
     import drjit as dr
 
@@ -301,11 +301,11 @@ class Lengths(NamedTuple):
     """Lengths of paths at K frames, on the device."""
 
     nodes_m: Any
-    """Flat Float64 (N, K)."""
+    """Lengths [m] of the N paths, flat Float64 (N, K)."""
     carriers_m: Any
-    """Flat Float64 (G, K)."""
+    """Lengths [m] of the G carriers, flat Float64 (G, K)."""
     frames: int
-    """K."""
+    """Number K of the frames."""
 
 
 def tube_fields(
@@ -316,11 +316,11 @@ def tube_fields(
     wavenumber: float,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integral of amplitude times exp(j phase) over tubes at some frames, their carriers' phases taken out, and its derivative by
-    the logarithm of the frequency (eq. 4, 30): complex64 (M, K).
+    """Integral of amplitude times exp(j phase) over tubes at some frames, without their carriers' phases, and the derivative of w
+    times it by the relative frequency w (eq. 4, 30): complex64 (M, K).
 
-    `nodes` (M, 6), or (M, 3) where the phase is linear, are paths, and `carrier` (M,) the tubes' carriers; `amplitude` (M, 3)
-    is that at the corners.
+    `nodes` (M, 6), or (M, 3) where the phase is linear, are paths, and `carrier` (M,) the tubes' carriers; `amplitude` (M, 3) is
+    that at the corners, and `wavenumber` is in rad/m.
     """
     import drjit as dr
 

@@ -12,17 +12,17 @@ from t2d_rt.scattering.ray_fronts import GRAZING, Front, Instant, launched, outg
 from t2d_rt.scattering.reflectors import Lattice, dot
 
 LARGEST_BUBBLE_RAD = 3.0
-"""By which the phase on an edge of a tube may leave the straight line, fourfold (eq. 30); tubes that are bent more are taken as the
-four that they are made of, with a linear phase on each."""
+"""Greatest bubble of a tube's edge [rad], four times the phase by which it leaves the straight line (eq. 30); tubes that are bent
+more are taken as the four that they are made of, with a linear phase on each."""
 EXTREME = 8.0
-"""A tube's phase may have an extreme in it, or near it, where it differs by less than so many bubbles over the tube; elsewhere what
-tubes return is of their edges, and cancels."""
+"""A tube's phase may have an extreme in it, or near it, where it differs by less than so many bubbles over the tube; elsewhere the
+field of tubes comes from their edges, and cancels."""
 LEVELS = 2
-"""A lattice is made finer up to so many times less one."""
+"""Number of lattices, each finer than the one before, on which tubes start."""
 WORTH = 0.1
 """Tubes are made finer only where they return more power than this fraction of what a target's tubes return in the mean."""
 SIX_NODES = (0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0)
-"""Part and corner of it at each node of a tube that is cut in four."""
+"""Part, and corner of that part, at each node of a tube that is cut in four."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,16 +32,16 @@ class Tubes:
     faces: np.ndarray
     """Facets that the paths meet, (N, B)."""
     coordinates: np.ndarray
-    """Where in them (`Posed.coordinates`), (N, B, 3)."""
+    """Where the paths meet these facets (`PosedReflectors.coordinates`), (N, B, 3)."""
     sense: np.ndarray
     """1, or -1 where a path goes back to a plane that it is continued to, (N, B - 1)."""
     nodes: np.ndarray
     """Paths at the corners of each tube and at the middles of its edges 01, 12 and 20, (M, 6); -1 for middles where its phase is
     taken as linear."""
     amplitude: np.ndarray
-    """At the corners, (M, 3)."""
+    """Amplitude at each tube's corners, (M, 3)."""
     factor: np.ndarray
-    """Common to them, complex (M,)."""
+    """Factor that is common to a tube's corners, complex (M,)."""
 
     @property
     def curved(self) -> np.ndarray:
@@ -50,12 +50,12 @@ class Tubes:
 
     @property
     def level(self) -> np.ndarray:
-        """How much each may return (M,)."""
+        """Greatest amplitude at the corners of each tube, with its factor, (M,)."""
         return np.asarray(np.abs(self.factor) * np.abs(self.amplitude).max(axis=1))
 
     @property
     def bytes_held(self) -> int:
-        """Memory that they take."""
+        """Memory that the arrays take [bytes]."""
         return sum(getattr(self, name).nbytes for name in type(self).__slots__)
 
     def only(self, tubes: np.ndarray) -> Tubes:
@@ -77,7 +77,7 @@ class Tubes:
 
 
 def traced_tubes(instant: Instant, lattice: Lattice, bounces: int) -> Tubes:
-    """Tubes of so many bounces that start on a lattice, which is made finer where it has to be."""
+    """Tubes of that number of bounces that start on a lattice, which is made finer where it has to be."""
     of_levels: list[Tubes] = []
     for level in range(LEVELS):
         front = launched(instant, lattice)
@@ -98,8 +98,8 @@ def reflecting(instant: Instant, lattice: Lattice) -> np.ndarray:
 
 
 def _received(instant: Instant, front: Front, target: np.ndarray, level: int) -> tuple[Tubes, np.ndarray]:
-    """Tubes by physical optics on the last surface, where the receiver sees it; and which parts of the lattice's triangles, which
-    lie on the `target`s of these numbers (M,), are to be made finer."""
+    """Tubes by physical optics on the last surface, where the receiver sees it, and which parts of the lattice's triangles are to
+    be made finer; `target` (M,) is the number of the target on which each triangle lies."""
     towards = instant.receiver_m - front.place
     range_m = norms(towards)
     cosines = dot(towards, front.normal) / range_m - dot(front.incoming, front.normal)
@@ -120,8 +120,8 @@ def _received(instant: Instant, front: Front, target: np.ndarray, level: int) ->
 def _sorted(
     front: Front, amplitude: np.ndarray, target: np.ndarray, wavenumber: float, level: int
 ) -> tuple[Tubes, np.ndarray]:
-    """Parts of a triangle go together where a quadratic describes their phase. Elsewhere they are made finer, if the phase may have
-    an extreme there or only some of their rays meet a surface, or each goes by itself."""
+    """Tubes, and parts to be made finer. The parts of a triangle go together where a quadratic describes their phase; elsewhere
+    they are made finer, if the phase may have an extreme there or only some rays meet a surface, or each goes by itself."""
     count = len(target)
     table = np.full((count, 4), -1)
     alone = np.flatnonzero((front.lead < 0) & (amplitude != 0))
@@ -140,7 +140,7 @@ def _sorted(
     single[fours] = False
     finer = np.zeros(0, int)
     if level + 1 < LEVELS:
-        # Of the rest all parts that anything is left of, where that is worth it beside what starts at the same target.
+        # Of the rest, parts with any power are made finer where their triangle's power counts beside others' on the target.
         power = np.bincount(front.number // 4, amplitude**2, minlength=count)
         mean = np.bincount(target, power) / np.maximum(np.bincount(target, power > 0), 1)
         left = ~done & (power > WORTH * mean[target])
@@ -165,7 +165,7 @@ def _sorted(
 
 
 def _all_of(lots: list[Tubes]) -> Tubes:
-    """Several lots of tubes as one, their nodes counted on."""
+    """Several lots of tubes as one, with their paths numbered through."""
     first = np.cumsum([0, *(len(tubes.faces) for tubes in lots)])
     columns = {name: np.concatenate([getattr(tubes, name) for tubes in lots]) for name in Tubes.__slots__}
     columns["nodes"] = np.concatenate(
