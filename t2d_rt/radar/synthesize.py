@@ -97,7 +97,7 @@ def synthesize(
     if progress is not None:
         checks.call("progress", progress, "a function of the fraction done")
     source = stream(echoes)
-    memory = MemoryLimit.of() if memory is None else checks.instance("memory", memory, MemoryLimit, "a Budget")
+    memory = MemoryLimit.of() if memory is None else checks.instance("memory", memory, MemoryLimit, "a MemoryLimit")
     with Synthesis(
         source.times_s,
         radar,

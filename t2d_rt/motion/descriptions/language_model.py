@@ -425,7 +425,7 @@ def model_descriptions(
     choice("activity", activity, ACTIVITIES)
     count = integer("count", count, 1, MOST_DESCRIPTIONS)
     instance("model", model, LanguageModel, "a LanguageModel")
-    budget = instance("budget", budget or TokenBudget(), TokenBudget, "a Budget")
+    budget = instance("budget", budget or TokenBudget(), TokenBudget, "a TokenBudget")
     if budget.requests is None and budget.tokens is None:
         budget = TokenBudget(requests=REQUESTS_PER_BATCH * math.ceil(count / BATCH))
     sampler = sampler_of(activity, seed)
