@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, model_validator
 
-from t2d_rt.core.checks import file_path, interval, positive, shown
+from t2d_rt.core.checks import array, file_path, interval, positive, shown
 from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import read_bytes
 from t2d_rt.learn.maps import LabelledMaps, checked_classes, checked_size
@@ -79,7 +79,7 @@ class Card(Fields):
             for value in self.about.get(name, []):
                 positive(name, value, unit=unit)
         if "contrast_db" in self.about:
-            interval("contrast_db", self.about["contrast_db"], unit="dB")
+            array("contrast_db", interval("contrast_db", self.about["contrast_db"], unit="dB"), unit="dB")
         if self.about.get("mti", "mean") not in (None, "mean", "none"):
             raise InputError(f"mti must be mean or none, got {shown(self.about['mti'])}")
         if not all(isinstance(text, str) for text in self.about.get("descriptions", [])):

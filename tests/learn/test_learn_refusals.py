@@ -64,6 +64,7 @@ def changed(folder: Path, target: Path, **values: Any) -> Path:
         ({"classes": ["slow"] * 3}, "names one of them twice"),
         ({"velocity_mps": [1, 1]}, "velocity_mps must rise"),
         ({"about": {"carriers_hz": ["../x"]}}, "carriers_hz must be a number"),
+        ({"about": {"contrast_db": [-float("inf"), 20]}}, "contrast_db must be finite"),
         ({"about": {"mti": "x"}}, "mti must be mean or none"),
         ({"about": {"descriptions": 3}}, "no card of a model"),
         ({"model": "crnn", "size": [64, 64]}, "does not hold the weights of crnn"),
