@@ -39,6 +39,9 @@ END_ON_RAD = 1e-3
 TILT_RAD = 1e-6 * np.array([0.51, 0.67, 0.54])
 """Rays are rotated so far, some ten steps of single precision, so that none meets an outline where two of its pieces do (but along
 this direction, which stays)."""
+TILTED_M = 100.0
+"""Distance up to which they are. Farther rays are shifted by as much as one so long, because the zone does not widen with the
+distance; directions relative to their mean are the finer there."""
 NARROW_ZONE_M = 0.02
 """Radius of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full. Close
 behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
@@ -124,8 +127,8 @@ class _Beam(NamedTuple):
         """Some of the points, which are `shown` (N,) at their `instant` (N,), and pieces (M,) that are `outline`."""
         ends_m, ahead = self.ends_m[:, outline] - self.part.origin_m, self.apparent_m[shown] - self.part.origin_m
         distance_m, length_m = norms(ends_m.mean(axis=0)), norms(ahead)
-        directions = unit(ends_m)
-        ahead, middle = unit(ahead / length_m[:, None] + TILT_RAD), directions.mean(axis=0)
+        directions, tilt = unit(ends_m), TILT_RAD * np.minimum(TILTED_M / length_m, 1)[:, None]
+        ahead, middle = unit(ahead / length_m[:, None] + tilt), directions.mean(axis=0)
         least_m, farthest_m = NO_WAVE_V**2 * wavelength_m / 4, length_m.max(initial=0.0)
         reach = (least_m + 2 * (farthest_m - distance_m)) * least_m / (distance_m * max(farthest_m, least_m))
         span_m = self.part.between(self.apparent_m[shown]) * length_m

@@ -93,6 +93,16 @@ def test_a_screen_is_a_knife_edge_on_its_lit_and_its_dark_side(covered_m: float,
     np.testing.assert_allclose(decibel(found), decibel(knife_edge(covered_m * PER_M)), atol=0.35)
 
 
+@pytest.mark.parametrize("v", [-1.2, -0.4, 0.0, 0.4])
+def test_a_screen_far_away_is_the_same_knife_edge(v: float, backend: Backend) -> None:
+    """The zone between screen and target is as wide at 20 km as at 20 m, and the way there does not count."""
+    far_m, behind_m = 20e3, 1.5
+    covered_m = v / np.sqrt(2 * far_m / (WAVELENGTH_M * (far_m - behind_m) * behind_m))
+    target = static_mesh(0.005 * VERTICES + [far_m + 0.005, 0, 1], FACES)
+    _, found = one_way([screen(covered_m, half_m=far_m - behind_m)], backend, target)
+    np.testing.assert_allclose(decibel(found), decibel(knife_edge(v)), atol=0.3)
+
+
 @pytest.mark.parametrize("aside_m", [0.0, 0.02, 0.06, 0.1])
 @pytest.mark.parametrize("radius_m", [0.015, 0.03, 0.05])
 def test_a_ball_smaller_than_the_zone_is_a_disc_with_light_in_its_middle(
