@@ -332,6 +332,14 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
             [{"direction": "left", "count": 3}, {"direction": "right", "count": 2}],
         ),
         ("limps on the left leg and then the right leg", [{"side": "left"}, {"side": "right"}]),
+        ("jumps, again", [{"action": "jump"}] * 2),
+        ("jumps twice. Again.", [{"count": 2}] * 2),
+        ("squats for 5 s, then three times", [{"count": None, "duration_s": 5}, {"count": 3, "duration_s": None}]),
+        ("hops twice, then for 10 s", [{"count": 2, "duration_s": None}, {"count": None, "duration_s": 10}]),
+        ("walks for 5 s, then quickly", [{"speed": "normal", "duration_s": 5}, {"speed": "fast"}]),
+        ("turns left, then by 180 degrees", [{"angle_deg": None}, {"angle_deg": 180}]),
+        ("jumps for a total of 10 s twice", [{"count": 2, "duration_s": 10}]),
+        ("jumps for altogether 10 s, twice", [{"count": 2, "duration_s": 10}]),
         (
             "spins 2 turns left and one right",
             [{"direction": "left", "count": 2, "angle_deg": 360}, {"direction": "right", "count": 1, "angle_deg": 360}],
@@ -607,8 +615,16 @@ def test_ranges_that_count_nothing_are_told(words: str, ignored: tuple[str, ...]
     assert (parsed.ignored, parsed.description.count, parsed.read_as) == (ignored, count, ())
 
 
-def test_what_is_done_again_comes_before_what_follows() -> None:
-    steps = parse_description("before sitting, a man jumps, then two more times").description.steps
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "before sitting, a man jumps, then two more times",
+        "after jumping, then twice more, he sits",
+        "having jumped and then twice more, he sits",
+    ],
+)
+def test_what_is_done_again_comes_before_what_follows(sentence: str) -> None:
+    steps = parse_description(sentence).description.steps
     assert [(step.action, step.count) for step in steps] == [("jump", 1), ("jump", 2), ("sit", None)]
 
 
@@ -641,6 +657,8 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("squats at least 2 times and at most 4 times", "least, most, 4 times"),
         ("falls, then once more", "once"),
         ("sits down and again", "again"),
+        ("sits down, again", "again"),
+        ("walks, again forward", "again"),
         ("jumps while walking, then twice more", "twice"),
         ("walks forward and back, then once more", "once"),
         ("walks for 45 s to 1 min 30 s", "45 s to 1 min 30 s"),

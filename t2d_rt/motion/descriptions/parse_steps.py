@@ -27,6 +27,8 @@ REPEATED = "walk", "run", "jump", "turn", "dance", "bend", "squat", "stretch", "
 OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 
 MEASURES = "count", "duration_s", "angle_deg"
+REPEATING = "and", "then", ","
+"""Joins behind which an action may be done again."""
 OTHERS = "another", "other", "second"
 INDEFINITE = "a", "an", "one", *OTHERS
 """Words before a noun of somebody who was not named before."""
@@ -169,7 +171,7 @@ class Reader:
                 self.loose.append(token.said)
         elif token.kind == "spot":
             self._spot(token.said)
-        elif token.words == "again" and self.clauses[-1].join in ("and", "then") and not self._returning():
+        elif token.words == "again" and self.clauses[-1].join in REPEATING and not self._returning():
             self._modifier(replace(token, kind="again"))
         elif token.kind not in ("fixed", "neutral"):
             self._modifier(token)
@@ -284,7 +286,8 @@ class Reader:
             return
         join = "and" if join == "or" else join
         if join == ",":
-            if not clause.steps and (clause.join not in (",", "") or not self._last()):
+            again = any(pending.kind == "again" for pending in clause.pending)
+            if not clause.steps and (clause.join not in (REPEATING if again else (",", "")) or not self._last()):
                 return  # slowly, a man ...; and then, slowly, ...
             self.dead = self.denied = False
         else:
@@ -323,12 +326,12 @@ class Reader:
             last = ParseStep("walk", words="gait")  # a waddling gait
             clause.steps.append(last)
         tells = {slot for pending in clause.pending for slot in pending.slots}
-        again = any(pending.kind == "again" for pending in clause.pending) and bool(tells & {*MEASURES} or not tells)
-        again = again and clause.join in ("and", "then", ",")
+        more = [pending for pending in clause.pending if pending.kind == "again"]
+        again = bool(more) and bool(tells & {*MEASURES} or not tells) and clause.join in REPEATING
         holder = next((other for other in reversed(self.clauses) if other.steps), clause)
         aside = holder.join in ("while", "after") and holder is not self.clauses[0]
-        if again and last is not None and (aside or last.returns or last.action not in REPEATED):
-            self.ignored += [pending.said for pending in clause.pending if pending.kind == "again"]
+        if more and last is not None and (not again or aside or last.returns or last.action not in REPEATED):
+            self.ignored += [pending.said for pending in more]
             clause.pending = [pending for pending in clause.pending if pending.kind != "again"]
             self.settle()
             return
@@ -336,13 +339,14 @@ class Reader:
             self.ignored += [pending.said for pending in clause.pending]
             clause.pending.clear()
             return
-        told = {slot for slot in tells if last.get(slot) is not None}
-        measured = told & {*MEASURES} & last.said.keys()  # 3 times on the left leg and 5 times on the right one
+        measures = tells & {*MEASURES}
+        measured = measures & last.said.keys()  # 3 times on the left leg and 5 times on the right one
         returns = any(pending.words == "back" for pending in clause.pending)  # to the door and back
         tells |= {"object", "count", "duration_s"} if returns else set()
-        repeats = (
-            again or (told and clause.join == "then") or ((measured or returns) and clause.join in ("and", "then"))
-        )
+        tells |= (
+            {"count", "duration_s"} if measures and not measured and not again else set()
+        )  # for 5 s, then three times
+        repeats = again or (tells and clause.join == "then") or ((measured or returns) and clause.join == "and")
         new = last.again(tells, clause) if repeats else None
         for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
             try:

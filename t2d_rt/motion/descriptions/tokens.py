@@ -47,6 +47,8 @@ MORE = "more", "again"
 """What follows a once that repeats what was done before."""
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
 """What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
+TOTAL = "total", "all", "altogether", "overall"
+"""What stands near the time of all repetitions together, which is not multiplied: a total of 10 s, twice."""
 IN_ALL = "in total", "in all", "altogether", "overall", "around", "round the"
 """What follows how often something is done within a time that is said before: for 60 s, 20 times in total."""
 
@@ -422,7 +424,7 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
     else:
         said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
     factor = _factor(words, said[1]) if said is not None and "duration_s" in said[0].slots else None
-    if said is None or factor is None:
+    if said is None or factor is None or {*TOTAL} & {*words[max(place - 3, 0) : place + 2]}:
         return said
     return _multiplied(words, place, factor.end, factor, (said[0], factor.end))
 
