@@ -1,1 +1,1 @@
-"""Rays: visibility and materials by Mitsuba and Sionna RT, which live here and only here."""
+"""Propagation by rays: paths, visibility and materials, by Mitsuba and Sionna RT, which are imported only here."""

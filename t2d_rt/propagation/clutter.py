@@ -26,27 +26,27 @@ from t2d_rt.types.paths import passed
 from t2d_rt.types.scatterer import Fraction
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
-"""Where transmitter and receiver are one, paths over a corner meet its very edge. Which of them exist, and how they are polarised
-straight up and down, is evaluated this far beside: of the orders in which a corner's walls are met just one is left there."""
+"""Offset [m] from the receivers at which it is evaluated which paths exist, and how they are polarised straight up and down: where
+transmitter and receiver are in one place, paths over a corner meet its very edge, but at the offset only one order of its walls."""
 DIRECTIONS = 4_000
-"""Points of rough surfaces lie where as many rays from the transmitters meet them."""
+"""Number of rays from the transmitters that place the points of rough surfaces."""
 RAYS, PIECES = 32, 4
-"""Rays over the first Fresnel zone of a path, and chords of each of its straight parts that they are bent by."""
+"""Number of rays over the first Fresnel zone of a path, and of the chords in which they follow each of its straight parts."""
 POINT_RAYS, POINT_PIECES = 4, 1
-"""Rays and pieces for rough points, of which there are many."""
+"""Number of rays and of chords for rough points, of which there are many."""
 
 Courses = Sequence[np.ndarray] | Callable[[np.ndarray], Sequence[np.ndarray]]
-"""Vertices (stop, 3) m of paths, or (stop, K, 3) at times [s] (K,)."""
+"""Vertices (stop, 3) [m] of each path, or a function that gives them as (stop, K, 3) at times (K,) [s]."""
 _last_paths = LastUsed[tuple[StaticPath, ...]](16)
 
 
 def static_paths(
     scene: Scene, radar: Radar, *, order: int, backend: Backend, samples_s: np.ndarray | None = None
 ) -> tuple[StaticPath, ...]:
-    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter. Of a radar that
-    moves all that exist at any of the sample times [s] (S,).
+    """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter. For a radar that
+    moves these are all paths that exist at any of the sample times (S,) [s], and without these a ValueError is raised.
 
-    Those of the last scenes and radars are kept: the search takes a second in a furnished room.
+    The paths of the last scenes and radars are kept: the search takes a second in a furnished room.
     """
     tx, rx = radar.tx_position_m, radar.rx_position_m
     out, back = (polarization(radar, angle) for angle in (radar.tx_polarization_deg, radar.rx_polarization_deg))
@@ -92,8 +92,8 @@ def forget() -> None:
 
 
 def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: np.ndarray | None = None) -> StaticPath:
-    """A one-way path from the transmitters, ended at the receivers (3,), whose polarisation is `across` (3,), at times (T,) of a
-    radar that moves."""
+    """The static path along a one-way path from the transmitters to the receivers (3,) [m], whose polarisation is `across` (3,); at
+    times (T,) [s] for a radar that moves."""
     course, places = path.in_scene(times_s), receivers
     if path.passing is not None:
         back = passed(path.passing, times_s).back
@@ -109,7 +109,7 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
-    """Which of a moving radar's paths exist, found at sample times [s] (S,) and faded in between, times what is not occluded."""
+    """Fraction of a moving radar's paths that exists, found at times (S,) [s] and faded in between, times what is not occluded."""
     sampled = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
     return partial(_existing, sampled, samples_s, unoccluded)
 
@@ -117,20 +117,20 @@ def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded
 def _existing(
     sampled: np.ndarray, samples_s: np.ndarray, unoccluded: Fraction | None, times_s: np.ndarray
 ) -> np.ndarray:
-    """The fractions of `existing_over` at times (K,) s, from those at its sample times, (K, N)."""
+    """The fractions (K, N) of `existing_over` at times (K,) [s], from those at its sample times, (S, N)."""
     fractions = between_samples(times_s, samples_s, sampled.__getitem__)
     return fractions if unoccluded is None else fractions * unoccluded(times_s)
 
 
 def static_courses(radar: Radar, paths: Sequence[StaticPath], times_s: np.ndarray) -> list[np.ndarray]:
-    """Where paths of a radar that moves run at times (K,) as it sees them, (stop, K, 3) m each."""
+    """Vertices (stop, K, 3) [m] of each path at times (K,) [s], in the frame in which the moving radar stands still."""
     passing = radar.passing(times_s)
     stops = (path.at(times_s).stops_m for path in paths if path.at is not None)
     return [passing.points(stop.swapaxes(0, 1)).swapaxes(0, 1) for stop in stops]
 
 
 def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) -> Scene:
-    """The scene with surfaces that scatter, where their materials do not say how much."""
+    """The scene with this scattering coefficient for surfaces whose materials have none and do not absorb."""
     surfaces = []
     for surface in scene.surfaces:
         material = resolved(surface.material, frequency_hz)
@@ -140,7 +140,7 @@ def roughened(scene: Scene, scattering_coefficient: float, frequency_hz: float) 
 
 
 def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray]:
-    """Points of rough surfaces visible to transmitters and receivers, (Q, 3) m, and their RCS (Q,) m^2 (docs/physics.md, eq. 9).
+    """Points (Q, 3) [m] of rough surfaces visible to transmitters and receivers, and their RCS (Q,) [m^2] (eq. 9 and 26).
 
     Each stands for as much of the surface as the transmitters see in an equal fraction of all directions.
     """
@@ -169,7 +169,7 @@ def rough_points(mirrors: Mirrors, radar: Radar) -> tuple[np.ndarray, np.ndarray
 
 
 def _rays_along(wavelength_m: float, rays: int, pieces: int, paths_m: Sequence[np.ndarray]) -> np.ndarray:
-    """Starts and ends of all pieces of the rays about paths (stop, 3) or (stop, K, 3), (2, 1 or K, piece, ray, 3) m."""
+    """Starts and ends [m] of all pieces of the rays around paths (stop, 3) or (stop, K, 3), (2, 1 or K, piece, ray, 3)."""
     bundles = [bundle(np.asarray(path, float), wavelength_m, disc(rays), pieces) for path in paths_m]
     shape = -1, *bundles[0].shape[2:-2], rays, 3
     ends = np.stack(
@@ -193,7 +193,7 @@ class Shadows:
         samples_s: np.ndarray,
         backend: Backend,
     ) -> None:
-        """`paths_m`: vertices of each of the P paths, from one antenna to the other; traced at `samples_s`."""
+        """`paths_m` gives the vertices of the P paths, from one antenna to the other; rays are traced at `samples_s` (S,) [s]."""
         self._samples_s = samples_s
         solids = [geometry.solid() for geometry in geometries]
         self._vertices_at = [vertices_at for vertices_at, _, _ in solids]
@@ -220,7 +220,7 @@ class Shadows:
         return self._known[numbers]
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
-        """Fractions at just these times, float32 (K, P); at most as many as stand in one scene."""
+        """Fractions, float32 (K, P), traced at these times (K,) [s], which may be as many as the instants in one scene."""
         vertices = np.concatenate([vertices_at(times_s) for vertices_at in self._vertices_at], axis=1)
         ends = self._standing
         if callable(self._paths_m):

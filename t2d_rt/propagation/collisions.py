@@ -15,16 +15,16 @@ from t2d_rt.propagation.mirrors import Mirrors, has_room, sphere
 from t2d_rt.types import CANONICAL_JOINTS, Ellipsoids, Motion, MovingMesh, Radar, RadarTrack, Scene
 
 SAMPLE_RATE_HZ = 25.0
-"""A walker goes 6 cm between two instants, in the mean."""
+"""Mean rate [Hz] of the instants at which targets are tested: a walker goes 6 cm from one to the next."""
 GOLDEN = 0.6180339887
-"""Instants are uneven by this fraction of their interval, again and again: at even ones a fan of 1500 rpm would seem static."""
+"""Instants are uneven by multiples of this fraction of their interval: at even ones a fan of 1500 rpm would seem static."""
 DEEP_M = 0.05
-"""As far on both sides of a surface a point has gone through it: feet dip into floors, doors close flush with their wall, people
-sink into a sofa. An antenna is a point, for which nothing of it is forgiven."""
+"""Distance [m] that a point must reach on both sides of a surface to have gone through it: feet dip into floors, doors close flush
+with their wall, people sink into a sofa. An antenna is a point, for which nothing of it is forgiven."""
 PARTS = 12
-"""Parts of a mesh whose middles are tested: a hand that touches a table is not through it."""
+"""Number of parts of a mesh whose middles are tested: a hand that touches a table is not through it."""
 INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000
-"""Instants of a mesh at a time, for memory; fewer where it has many vertices."""
+"""Number of instants of a mesh that are posed at once, for memory; fewer if it has many vertices."""
 MIDDLE = (
     ("left_knee", "right_knee", "left_ankle", "right_ankle"),
     ("left_knee", "right_knee"),
@@ -37,9 +37,9 @@ KNEES = 1
 ENCLOSED = 2 / 3
 """Fraction of directions from its middle in which a room ends at something: open windows and doors leave more."""
 FLAT = 0.7
-"""A surface whose normal is that upright lies flat."""
+"""Vertical component of a unit normal from which a surface lies flat."""
 LEAST_S = 0.1
-"""A record that ends before that is none."""
+"""Least length of a record [s]; one that ends earlier is none."""
 Collisions = Literal["warn", "stop", "ignore"]
 """What becomes of a target that goes through something: a warning, the end of the record just before, nothing."""
 
@@ -50,9 +50,9 @@ class Held:
 
     mesh: MovingMesh
     points: np.ndarray
-    """Numbers of vertices that lie all over it."""
+    """Numbers of vertices that are spread all over it."""
     pelvis_at: Callable[[np.ndarray], np.ndarray]
-    """Where the person's pelvis is at times (K,), (K, 3) m."""
+    """Function that gives the place of the person's pelvis (K, 3) [m] at times (K,) [s]."""
 
 
 Tested = Motion | MovingMesh | Ellipsoids | Held
@@ -83,7 +83,8 @@ def checked_time(
 ) -> tuple[float, float]:
     """First and last instant of the record [s]: all of it, or up to where a target goes through something.
 
-    `outside`: whether the radar may stand, and a target may start, outside the room.
+    `outside` tells whether the radar may stand, and a target may start, outside the room. Raises InputError with "stop" where the
+    radar itself collides or too little of the record is left.
     """
     if collisions == "ignore":
         return time_s
@@ -144,9 +145,9 @@ def find_collisions(
     outside: bool = False,
     backend: Backend,
 ) -> list[Collision]:
-    """The first of each target that has any, between two times.
+    """The first collision of each target that has any, between two times [s].
 
-    Outside, where targets may start or not, is beyond the bounding box of a scene that is a room or has the antennas inside.
+    `outside` tells whether targets may start outside, beyond the bounding box of a scene that is a room or has the antennas inside.
     """
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
     times = uneven_times(start_s, stop_s)
@@ -169,8 +170,8 @@ def find_collisions(
 def radar_outside(
     scene: Scene, radar: Radar, time_s: tuple[float, float], backend: Backend
 ) -> tuple[float, np.ndarray] | None:
-    """When [s] and where [m] (3,) an antenna first stands outside a room between two times; None where none does, or the scene is
-    no room."""
+    """Time [s] and place (3,) [m] at which an antenna first stands outside a room between two times [s]; None where none does, or
+    the scene is no room."""
     times_s = np.array(time_s[:1]) if radar.track is None else _track_times(radar.track, *time_s)
     centres = np.broadcast_to([radar.tx_position_m, radar.rx_position_m], (len(times_s), 2, 3))
     if radar.track is not None:
@@ -185,7 +186,7 @@ def radar_outside(
 def radar_crossing(
     scene: Scene, radar: Radar, start_s: float, stop_s: float, backend: Backend
 ) -> tuple[float, np.ndarray, str] | None:
-    """When and where the track of a radar first goes through a surface, however little, and its name."""
+    """Time [s], place (3,) [m] and name of the surface that the track of a radar first goes through, however little, or None."""
     if radar.track is None:
         return None
     times_s = _track_times(radar.track, start_s, stop_s)
@@ -219,21 +220,21 @@ def is_room(mirrors: Mirrors) -> bool:
 
 
 def _beyond(scene: Scene, places_m: np.ndarray, deep_m: float) -> np.ndarray:
-    """Whether places (..., 3) lie farther than that beyond the box around a scene, (...)."""
+    """Whether places (..., 3) [m] lie more than `deep_m` beyond the box around a scene, bool (...)."""
     low, high = scene.bounds_m
     return np.asarray(((places_m < low - deep_m) | (places_m > high + deep_m)).any(axis=-1))
 
 
 def _lines(target: Tested, track_m: np.ndarray, times_s: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-    """Lines (L, N, 3), their times (L, N), and how upright the normals of what they may go through are at least."""
+    """Yields lines (L, N, 3) [m], their times (L, N) [s], and how upright the normals of what they may go through are at least."""
     if isinstance(target, Motion):
-        # Steps pass over and under what lies flat, as a table's top: it lies across the body.
+        # A table's top lies flat across the body: steps in time pass over and under it, lines along the body meet it.
         bones = np.stack([track_m[:, :-1], track_m[:, 1:]], axis=2)
         yield bones.reshape(-1, 2, 3), np.broadcast_to(times_s[:, None, None], bones.shape[:3]).reshape(-1, 2), FLAT
         # Knees swing ahead of the body; they are there to lead around the seat of a chair.
         track_m = np.delete(track_m, KNEES, axis=1)
     elif isinstance(target, Held):
-        # It may be in a wall that it moves along, or have the back of a chair between itself and the body.
+        # A thing may be within a wall that it moves along, or have the back of a chair between itself and the body.
         for some_s, vertices in _posed(target.mesh, times_s):
             points_m = vertices[:, target.points]
             reach_m = np.stack(np.broadcast_arrays(target.pelvis_at(some_s)[:, None], points_m), axis=2)
@@ -249,7 +250,7 @@ def uneven_times(start_s: float, stop_s: float) -> np.ndarray:
 
 
 def middles(target: Tested, times_s: np.ndarray) -> np.ndarray:
-    """Points that stand for a target (K, P, 3) m: a person's middle, the middles of a mesh's parts, ellipsoids' centres."""
+    """Points (K, P, 3) [m] that stand for a target: a person's middle, the middles of a mesh's parts, ellipsoids' centres."""
     if isinstance(target, Motion):
         joints = target.joints
         numbers = [[CANONICAL_JOINTS.index(name) for name in names] for names in MIDDLE]
@@ -274,7 +275,7 @@ def middles(target: Tested, times_s: np.ndarray) -> np.ndarray:
 
 
 def _posed(mesh: MovingMesh, times_s: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Some of the times (K,) [s] after others, and the vertices of a mesh at these (K, V, 3) [m]."""
+    """Yields some of the times (K,) [s] after others, and the vertices (K, V, 3) [m] of a mesh at these."""
     step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(mesh.rest)))
     for first in range(0, len(times_s), step):
         some_s = times_s[first : first + step]
@@ -295,8 +296,8 @@ def _parts(rest: np.ndarray) -> np.ndarray:
 def first_crossing(
     mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float
 ) -> tuple[float, np.ndarray, str] | None:
-    """When and where any of lines from point to point (L, N, 3), whose times are (L, N), first goes through a surface whose normal
-    is that upright, and its name."""
+    """Time [s], place (3,) [m] and surface name where any of lines from point to point (L, N, 3) [m], whose times are (L, N) [s],
+    first goes through a surface whose normal is that upright; None where none does."""
     line, point = np.nonzero(~mirrors.free(lines_m[:, :-1], lines_m[:, 1:]))
     if not len(line):
         return None
@@ -321,6 +322,6 @@ def _through(depth_m: np.ndarray, point: int) -> bool:
 
 
 def _reach(depth_m: np.ndarray) -> float:
-    """Distance from a plane that a line reaches before it first changes sides."""
+    """Distance [m] from a plane that a line reaches before it first changes sides."""
     sides = np.flatnonzero(np.sign(depth_m) != np.sign(depth_m[0]))
     return float(np.abs(depth_m[: sides[0] if len(sides) else None]).max())

@@ -23,32 +23,32 @@ from t2d_rt.types import OneWayPath
 FULL_V, NO_WAVE_V = 2.2, 3.4
 """Clearances of an outline, as Fresnel's parameter, up to which its wave counts in full and from which it does not count."""
 PIECE_V, SHORTEST_PIECE_M = 0.7, 3e-3
-"""Length of an outline's pieces, as Fresnel's parameter, and what they are not cut below."""
+"""Length of an outline's pieces, as Fresnel's parameter, and length [m] below which they are not cut."""
 LONGEST_EDGE_RAD = 0.5
-"""Edges are cut to about that before they are chosen, so that a place and a direction stand for the whole of each."""
+"""Angle [rad] to about which edges are cut before they are chosen, so that a place and a direction stand for the whole of each."""
 BESIDE_M = 5e-4
-"""An edge is outline where nothing of its mesh lies so far beside it."""
+"""An edge is outline where nothing of its mesh lies at this distance [m] beside it."""
 APART = 10.0
-"""What the directions of one instant are shifted by from those of the instant before, where both are looked through at once."""
+"""Shift of the directions of one instant from those of the instant before, where both are searched at once."""
 BOX_MARGIN_M = 0.01
-"""Rays begin and end so far outside of the box around a mesh."""
+"""Distance [m] outside of the box around a mesh at which rays begin and end."""
 LEAST_DEPTH_M = 0.05
-"""Boxes nearer to an antenna's plane are not told apart by their corners."""
+"""Least distance [m] from the origin that counts where the length to which an edge is cut follows from its angle."""
 END_ON_RAD = 1e-3
-"""Edges that are seen so nearly from their end, as an angle, are a point of the outline."""
+"""Edges that are seen from their end to within this angle [rad] are a point of the outline."""
 TILT_RAD = 1e-6 * np.array([0.51, 0.67, 0.54])
-"""Rays are rotated so far, some ten steps of single precision, so that none meets an outline where two of its pieces do (but along
-this direction, which stays)."""
+"""Rays are rotated by this angle [rad], some ten steps of single precision, so that none meets an outline where two of its pieces
+join (except along this direction, which stays)."""
 TILTED_M = 100.0
-"""Distance up to which they are. Farther rays are shifted by as much as one so long, because the zone does not widen with the
+"""Distance [m] up to which they are. Farther rays are shifted by as much as one so long, because the zone does not widen with the
 distance; directions relative to their mean are the finer there."""
 NARROW_ZONE_M = 0.02
-"""Radius of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full. Close
-behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
+"""Radius [m] of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full.
+Close behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
 LEAST_ANGLE_RAD = 1e-9
-"""Pieces that turn less are seen as points, and where the phase changes less over half of a piece it is constant there."""
+"""A piece that turns about a ray by less [rad] is a point, and a phase that changes less over half of a piece is constant there."""
 AT_EDGE_V = 0.15
-"""Clearance below which the pieces of an outline tell on which side of it a point is, and no ray."""
+"""Clearance, as Fresnel's parameter, below which the pieces of an outline, and no ray, tell on which side of it a point is."""
 
 
 Segments = tuple[np.ndarray, np.ndarray]
@@ -59,20 +59,20 @@ class Straight(NamedTuple):
     """A straight part of a path, unfolded: as if it went on from the image of the antenna to that of the target."""
 
     origin_m: np.ndarray
-    """(3,)."""
+    """Image of the antenna that the part comes from [m], (3,)."""
     matrix: np.ndarray
     shift_m: np.ndarray
-    """Takes x to where the target appears: `matrix @ x + shift_m`."""
+    """A target at x appears at `matrix @ x + shift_m`."""
     begin: tuple[np.ndarray, float] | None
     end: tuple[np.ndarray, float] | None
-    """Planes between which it runs; None where the antenna or the target is."""
+    """Planes (unit normal, offset [m]) between which it runs; None where the antenna or the target is."""
 
     def appear(self, points: np.ndarray) -> np.ndarray:
-        """Where points (..., 3) m appear."""
+        """Apparent positions [m] of points (..., 3) [m]."""
         return points @ self.matrix.T + self.shift_m
 
     def between(self, points: np.ndarray) -> np.ndarray:
-        """From and to which fraction of the way to apparent points (N, 3) m it runs, (2, N)."""
+        """Fractions (2, N) of the way to apparent points (N, 3) [m] from which and to which the part runs."""
         span = np.zeros((2, len(points)))
         span[1] = 1
         for row, plane in zip(span, (self.begin, self.end), strict=True):
@@ -82,14 +82,14 @@ class Straight(NamedTuple):
         return span
 
     def segments(self, stops: np.ndarray) -> Segments:
-        """Its extent on the way to apparent points (N, 3): from where and to where, (N, 3) each."""
+        """Where the part begins and where it ends on the way to apparent points (N, 3) [m], (N, 3) each."""
         first, last = self.between(stops)[..., None]
         towards = stops - self.origin_m
         return self.origin_m + first * towards, self.origin_m + last * towards
 
 
 def straight_parts(path: OneWayPath) -> list[Straight]:
-    """The parts of a path, from the target on."""
+    """The straight parts of a path, from the target on."""
     places, planes = images(path), path.planes
     matrix, shift = np.eye(3), np.zeros(3)
     parts = []
@@ -104,27 +104,27 @@ def straight_parts(path: OneWayPath) -> list[Straight]:
 
 
 class _Beam(NamedTuple):
-    """Points of one mesh, and around them edges of another, on one straight part."""
+    """Points of one mesh, and edges of another around them, on one straight part."""
 
     part: Straight
     mesh: int
     """Number of the other mesh."""
     apparent_m: np.ndarray
-    """Where the points appear, (N, 3)."""
+    """Apparent positions of the points [m], (N, 3)."""
     when: np.ndarray
     """Instant of each piece of an edge that may be outline, (M,)."""
     ends_m: np.ndarray
-    """Ends of these pieces, around the mesh as it is seen from the origin, (2, M, 3)."""
+    """Ends of these pieces [m], around the mesh as it is seen from the origin, (2, M, 3)."""
 
     def beside_edges(self, boxes: np.ndarray) -> Segments:
-        """Segments just outside of each piece, past the box around the mesh, whose corners are (K, 8, 3) m."""
+        """Segments just outside of each piece, past the boxes around the mesh, whose corners are (K, 8, 3) [m]."""
         middle = self.ends_m.mean(axis=0) - self.part.origin_m
         aside = unit(vector_product(middle, self.ends_m[1] - self.ends_m[0]))
         far_m = norms(boxes - self.part.origin_m).max(axis=1)[self.when, None]
         return self.part.segments(self.part.origin_m + far_m * unit(middle + BESIDE_M * aside))
 
     def facing(self, instant: np.ndarray, shown: np.ndarray, outline: np.ndarray, wavelength_m: float) -> _Facing:
-        """Some of the points, which are `shown` (N,) at their `instant` (N,), and pieces (M,) that are `outline`."""
+        """The points that are `shown`, bool (N,), at their `instant` (N,), and the pieces that are `outline`, bool (M,)."""
         ends_m, ahead = self.ends_m[:, outline] - self.part.origin_m, self.apparent_m[shown] - self.part.origin_m
         distance_m, length_m = norms(ends_m.mean(axis=0)), norms(ahead)
         directions, tilt = unit(ends_m), TILT_RAD * np.minimum(TILTED_M / length_m, 1)[:, None]
@@ -151,17 +151,17 @@ class _Facing(NamedTuple):
     directions relative to their mean, so that single precision tells them apart."""
 
     points: np.ndarray
-    """Direction, relative and as it is, distance [m], and from and to which distance the part runs, (N, 9)."""
+    """Relative direction, direction, distance [m], and distances [m] from which and to which the part runs, (N, 9)."""
     ranges: np.ndarray
-    """First of the pieces that may count at each point, and behind the last, (N, 2)."""
+    """Index of the first of the pieces that may count at each point, and the one behind the last, (N, 2)."""
     pieces: np.ndarray
-    """Direction of its beginning, square of the chord up to which it may count, direction of its end, distance [m], (M, 8). Pieces
-    that join have one direction there, to the last bit, so that what they turn about a ray adds up."""
+    """Relative direction of each piece's beginning, square of the chord up to which it may count, relative direction of its end,
+    distance [m], (M, 8). Pieces that join have one direction there, to the last bit, so that what they turn about a ray adds up."""
 
 
 @one_thread_at_a_time
 def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, backend: Backend) -> np.ndarray:
-    """Amplitudes of the field at all of these points, hidden or not (N,), beside their outlines."""
+    """Amplitudes (N,) of the field at all of these points, `hidden` or not, bool (N,), beside their outlines (eq. 27)."""
     if not (len(hidden) and any(len(beam.pieces) for beam in facing)):
         return 1.0 - hidden
     import drjit as dr
@@ -204,7 +204,7 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
         *b, distance = dr.gather(Packet, pieces, 2 * piece + 1)
         a, b = ([one - other for one, other in zip(ends, relative, strict=True)] for ends in (a, b))
         w = [(one + other) / 2 for one, other in zip(a, b, strict=True)]
-        # A branch, which lanes pass over together where the piece is near none of their points.
+        # This is a branch, which lanes skip together where the piece is near none of their points.
         near = dot(w, w) < reach
         return piece + 1, dr.if_stmt((a, b, w, distance, sums), near, with_piece, lambda *far: far[-1], mode="symbolic")
 
@@ -223,7 +223,7 @@ def _amplitudes(facing: list[_Facing], hidden: np.ndarray, wavelength_m: float, 
 
 
 def smooth_step(u: Any) -> Any:
-    """From 0 at 0 to 1 at 1, with no kink at either."""
+    """A step from 0 at u = 0 to 1 at u = 1, with no kink at either."""
     return u * u * (3 - 2 * u)
 
 
@@ -231,9 +231,9 @@ class Points(NamedTuple):
     """Points on meshes at some instants, seen along a path."""
 
     places_m: np.ndarray
-    """(K, Q, 3)."""
+    """Places of the points [m], (K, Q, 3)."""
     normals: np.ndarray
-    """(K, Q, 3)."""
+    """Unit normals of the surface there, (K, Q, 3)."""
     owner: np.ndarray
     """Numbers of the meshes that they belong to, (Q,)."""
     front: np.ndarray
@@ -245,8 +245,8 @@ class Points(NamedTuple):
 def beside_others(
     alone: MeshesAlone, seen_paths: Sequence[OneWayPath], of: Points, *, wavelength_m: float
 ) -> np.ndarray:
-    """Fraction of the field over the path at points that face it, float32 (K, Q): near the outline of a mesh that they do not
-    belong to the amplitude beside that, elsewhere whether they are visible, in which case that is what comes back."""
+    """Fraction of the field over the path at points that face it, float32 (K, Q): the amplitude near the outline of a mesh that
+    they do not belong to, and elsewhere whether they are visible. If none is near an outline, `of.visible` itself is returned."""
     instants = np.arange(len(of.visible))
     groups = [
         group
@@ -259,7 +259,7 @@ def beside_others(
 def _groups(
     at: PosedOccluders, path: OneWayPath, instants: np.ndarray, of: Points, wavelength_m: float
 ) -> Iterator[_Group]:
-    """Points that a path reaches at these instants (k,), near edges of others."""
+    """Yields the points of each mesh that a path reaches at these instants (k,) near edges of other meshes."""
     parts = straight_parts(path)
     for mesh in np.unique(of.owner).tolist():
         near = [
@@ -292,8 +292,8 @@ def _groups(
 
 
 def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: float) -> np.ndarray:
-    """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners (K, 8, 3) m
-    each: bool (K,)."""
+    """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners (K, 8, 3)
+    [m] each: bool (K,)."""
     corners_m = part.appear(mine) - part.origin_m, others - part.origin_m
     directions = [unit(corners) for corners in corners_m]
     centres = [unit(corners.mean(axis=1))[:, None] for corners in directions]
@@ -318,8 +318,8 @@ def _pieces(
     apparent_m: np.ndarray,
     wavelength_m: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which apparent points (N, 3) m, each at its `point_instant` (N,), ascending, are near edges of the other mesh that may
-    be its outline at `near_instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3)."""
+    """Which apparent points (N, 3) [m], each at its `point_instant` (N,), ascending, are near edges of the other mesh that may be
+    its outline at `near_instants` (k,), bool (N,); and pieces of these: the instant of each (M,), and its ends (2, M, 3) [m]."""
     towards = apparent_m - part.origin_m
     length_m = norms(towards)
     towards /= length_m[:, None]
@@ -371,7 +371,7 @@ def _extents(values: np.ndarray, instant: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cut(ends_m: np.ndarray, longest_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Segments (2, M, 3) in equal pieces that are no longer than (M,), one after another: of which each is, and its ends."""
+    """Cuts segments (2, M, 3) into equal pieces no longer than (M,) [m]: the number of each piece's segment, and its ends."""
     count = np.ceil(norms(ends_m[1] - ends_m[0]) / longest_m).astype(int)
     if (count == 1).all():
         return np.arange(len(count)), ends_m
@@ -386,17 +386,17 @@ class _Group(NamedTuple):
 
     mesh: int
     instant: np.ndarray
-    """(N,)."""
+    """Instant of each point, (N,)."""
     numbers: np.ndarray
-    """(N,)."""
+    """Number of each point among those of all meshes, (N,)."""
     here_m: np.ndarray
-    """Where rays from them start, (N, 3)."""
+    """Where rays from the points start [m], (N, 3)."""
     parts: list[Straight]
     beams: list[_Beam]
 
 
 def _summed(groups: list[_Group], alone: MeshesAlone, visible: np.ndarray, wavelength_m: float) -> np.ndarray:
-    """`beside_others` of points near edges."""
+    """The fractions of `beside_others`, float32 (K, Q), given the points near edges."""
     asked: list[tuple[Segments, np.ndarray, int]] = []
     for group in groups:
         dark = ~visible[group.instant, group.numbers]
@@ -437,7 +437,7 @@ class MeshesAlone:
 
     @cached_property
     def _scene_and_shift(self) -> tuple[Any, np.ndarray]:
-        """The scene, and how far each mesh at each instant is shifted to its cell, (K, M, 3)."""
+        """The scene, and how far each mesh at each instant is shifted to its cell [m], (K, M, 3)."""
         at, boxes = self.at, self.at.boxes
         instants, meshes = boxes.shape[:2]
         across = int(np.ceil((instants * meshes) ** (1 / 3)))
@@ -451,7 +451,7 @@ class MeshesAlone:
 
     @one_thread_at_a_time
     def leave_free(self, asked: list[tuple[Segments, np.ndarray, int]]) -> list[np.ndarray]:
-        """Which segments, given with their instants (N,), a mesh of that number leaves free: bool (N,) of each."""
+        """Which segments, given with their instants (N,), the mesh of that number leaves free: bool (N,) for each of `asked`."""
         counts = [len(instant) for _, instant, _ in asked]
         if not sum(counts):  # Mitsuba aborts without a ray
             return [np.zeros(0, bool) for _ in asked]

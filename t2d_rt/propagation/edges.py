@@ -21,7 +21,7 @@ from t2d_rt.types import OneWayPath
 from t2d_rt.types.paths import points_in_scene
 
 STRAIGHT = 1e-8
-"""Squared change of direction of a path below which it goes straight on, as through a slab: what is less is rounding."""
+"""Squared change of direction below which a path goes straight on, as through a slab: what is less is rounding."""
 
 
 def disc(count: int) -> np.ndarray:
@@ -47,7 +47,7 @@ def zone(path_m: np.ndarray, wavelength_m: float, pieces: int) -> tuple[np.ndarr
 
 
 def bundle(path_m: np.ndarray, wavelength_m: float, places: np.ndarray, pieces: int) -> np.ndarray:
-    """Where rays that fill the first Fresnel zone along paths (stop, ..., 3) [m] are, (part, piece + 1, ..., rays, 3).
+    """Positions [m] of rays that fill the first Fresnel zone along paths (stop, ..., 3) [m], (part, piece + 1, ..., rays, 3).
 
     A ray keeps its place on the zone's cross-section, one of (rays, 2) of the unit disc, at mirrors too.
     """
@@ -74,18 +74,18 @@ def _across(ahead: np.ndarray) -> np.ndarray:
 RIM = 0.9
 """Fraction of the zone's radius that the rays fill; with this one they meet the lit side of a knife edge best."""
 FEW = RIM * np.array([(0.0, 0.0), (0.9, 0.37), (-0.37, 0.9), (-0.9, -0.37), (0.37, -0.9)], np.float32)
-"""Rays that go first: upright and level edges, which most are, pass between no two of them that are far apart."""
+"""Rays that are traced first: upright and level edges, which most are, pass between no two of them that are far apart."""
 MANY = (RIM * disc(20)).astype(np.float32)
-"""Rays where the few disagree."""
+"""Rays that are traced where the few disagree."""
 PIECES = 4
-"""Chords that approximate a path's curved rays, at least; each straight part has as many as any other."""
+"""Least number of chords that approximate a path's curved rays; all straight parts have equally many."""
 CELL_M = 0.15
-"""Points of one such cell are known to be free together."""
+"""Size of cells [m] whose points are tested together for being free."""
 POINTS_AT_ONCE = 4096
 NO_LENGTH_M = 1e-6
-"""Paths in float32 are right to that."""
+"""Length [m] to which paths in float32 are right."""
 STOPPED, LEFT_OUT = 1, 2
-"""What may happen to a ray."""
+"""What may happen to a ray; 0 is nothing."""
 DIRECTIONS = (
     np.array(sorted((d for d in np.ndindex(3, 3, 3) if d > (1, 1, 1)), key=methodcaller("count", 1), reverse=True))
     - 1.0
@@ -93,7 +93,7 @@ DIRECTIONS = (
 DIRECTIONS /= np.linalg.norm(DIRECTIONS, axis=1, keepdims=True)
 """What lies apart along one of these 13, the axes and the diagonals of a cube, does not touch (Klosowski et al. 1998)."""
 AXES = 3
-"""The first so many of these are the axes."""
+"""Number of axes, which are the first of these directions."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,13 +103,13 @@ class Edges:
     mirrors: Mirrors
     wavelength_m: float
     normals: np.ndarray
-    """(M, 3)."""
+    """Unit normals of the mirrors, (M, 3)."""
     offsets_m: np.ndarray
-    """(M,)."""
+    """Offsets of their planes [m], (M,)."""
     spans_m: np.ndarray
-    """From where to where each lies along `DIRECTIONS`, (2, M, D)."""
+    """Least and greatest coordinates [m] of each along `DIRECTIONS`, (2, M, D)."""
     outlines_m: list[np.ndarray]
-    """Edges of each that no two of its triangles share, (E, 2, 3)."""
+    """Edges of each and of its covers that no two triangles share [m], (E, 2, 3)."""
 
     @classmethod
     def of(cls, mirrors: Mirrors, wavelength_m: float) -> Edges:
@@ -128,14 +128,14 @@ class Edges:
         )
 
     def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
-        """Fraction of the path's field that reaches points (..., 3) m, float32 (...)."""
+        """Fraction of the path's field that reaches points (..., 3) [m], float32 (...)."""
         return self.fractions([path], points, times_s)[0]
 
     def fractions(
         self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
     ) -> np.ndarray:
-        """Fraction of the fields of P paths that reaches points (..., 3) m, float32 (P, ...); points (K, ..., 3) at times (K,) [s]
-        of a radar that moves, of which those of one time are worked on together."""
+        """Fraction of the fields of P paths that reaches points (..., 3) [m], float32 (P, ...); for a radar that moves, points (K,
+        ..., 3) at times (K,) [s], of which those of one time are worked on together."""
         if paths and paths[0].passing is not None:
             points = points_in_scene(paths[0].passing, points, times_s)
             assert times_s is not None
@@ -163,7 +163,7 @@ class Edges:
     def _together(
         self, paths: Sequence[OneWayPath], points: np.ndarray, centres: np.ndarray, cell: np.ndarray
     ) -> np.ndarray:
-        """Fractions of paths of equal length at points (Q, 3) in cells (Q,) with centres (C, 3), (P, Q)."""
+        """Fractions (P, Q) of paths of equally many elements at points (Q, 3) in cells (Q,) with centres (C, 3) [m]."""
         of_cells = _Courses.of(paths, [centres] * len(paths))
         cell_fractions, near, rims = self._cells(of_cells)
         fraction = cell_fractions.reshape(len(paths), -1)[:, cell]
@@ -176,7 +176,7 @@ class Edges:
         return fraction
 
     def _points(self, courses: _Courses, near: np.ndarray, rims: np.ndarray) -> np.ndarray:
-        """Fractions of courses; pieces that have something `near` (S, N), mirrors that are met near their `rims` (m, N)."""
+        """Fractions (N,) of courses; `near` (S, N) are pieces near something, `rims` (m, N) mirrors that are met near their rim."""
         asked = courses.valid
         fraction = np.zeros(len(asked), np.float32)
         for places in (FEW, MANY):
@@ -234,7 +234,7 @@ class Edges:
     def _first(
         self, starts: np.ndarray, ends: np.ndarray, begins: np.ndarray, stops: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Which pieces of rays (Q, rays, 3) meet something, and what they meet first, (Q, rays).
+        """Which pieces of rays (Q, rays, 3) meet something, and the number of the mirror that they meet first, (Q, rays).
 
         Pieces overlap, but touch nothing at the beginning and at the end of a straight part.
         """
@@ -297,8 +297,8 @@ class Edges:
         return np.asarray((least < -OUTLINE_M) & (most > OUTLINE_M))
 
     def _touched(self, places: np.ndarray, reach: np.ndarray, asked: np.ndarray) -> np.ndarray:
-        """Which pieces between places (part, piece + 1, C, 3), that wide (part, piece + 1, C), may touch any of the mirrors `asked`
-        for (part, C, M): bool (part, piece, C)."""
+        """Which pieces between places (part, piece + 1, C, 3) [m], that `reach` as far (part, piece + 1, C) [m], may touch any of
+        the mirrors `asked` for, bool (part, C, M): bool (part, piece, C)."""
         touching = np.repeat(asked[:, None], places.shape[1] - 1, axis=1)
         spans = zip(DIRECTIONS, *self.spans_m.transpose(0, 2, 1), strict=True)
         for number, (direction, least, most) in enumerate(spans):
@@ -319,20 +319,20 @@ class Edges:
 
 @dataclass(frozen=True, slots=True)
 class SceneBlockage:
-    """What of a scene blocks one-way paths."""
+    """How a scene blocks one-way paths."""
 
     edges: Mapping[bytes, Edges]
     """Edges by the place of the antenna, as `OneWayPath.antenna_m.tobytes()`; none in free space."""
 
     def fraction(self, path: OneWayPath, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
-        """Fraction of a path's field that reaches points (..., 3) m, faded at edges of mirrors and obstacles, float32 (...); points
-        (K, ..., 3) at times (K,) [s] of a radar that moves."""
+        """Fraction of a path's field that reaches points (..., 3) [m], faded at edges of mirrors and obstacles, float32 (...); for
+        a radar that moves, points (K, ..., 3) at times (K,) [s]."""
         return self.fractions([path], points, times_s)[0]
 
     def fractions(
         self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
     ) -> np.ndarray:
-        """Fractions of the fields of P paths that arrive, float32 (P, ...)."""
+        """Fractions of the fields of P paths that reach points as in `fraction`, float32 (P, ...)."""
         fractions = np.empty((len(paths), *points.shape[:-1]), np.float32)
         antennas = [path.antenna_m.tobytes() for path in paths]
         for place in set(antennas):
@@ -347,13 +347,13 @@ class _Courses(NamedTuple):
     valid: np.ndarray
     """Whether every plane is met between its neighbours, bool (N,)."""
     stops_m: np.ndarray
-    """Antenna, intersections with the planes, target, (m + 2, N, 3)."""
+    """Antenna, intersections with the planes, target [m], (m + 2, N, 3)."""
     chain: np.ndarray
-    """The mirrors' numbers, (m, N)."""
+    """Numbers of the mirrors, (m, N)."""
 
     @classmethod
     def of(cls, paths: Sequence[OneWayPath], points: Sequence[np.ndarray]) -> _Courses:
-        """The courses of each path to its own points (n, 3) m, path by path."""
+        """The courses of each path to its own points (n, 3) [m], path by path."""
         unfolded = [unfolded_vertices(path, of_path) for path, of_path in zip(paths, points, strict=True)]
         valid, stops = zip(*unfolded, strict=True)
         chain = [
@@ -368,20 +368,20 @@ class _Courses(NamedTuple):
 
 
 def _by_mirror(numbers: np.ndarray, counts: np.ndarray | None = None) -> Iterator[tuple[int, np.ndarray]]:
-    """Mirrors of these numbers (N,), and at which of the N each stands; of those that `counts`, bool (N,), all by default."""
+    """Yields the mirrors among numbers (N,), and where each of them stands; only where it `counts`, bool (N,), if given."""
     places = np.arange(len(numbers)) if counts is None else np.flatnonzero(counts)
     for number in np.unique(numbers[places]).tolist():
         yield number, places[numbers[places] == number]
 
 
 def _codes(points: np.ndarray) -> np.ndarray:
-    """The cells of points (P, 3) as one number each."""
+    """The cells of points (P, 3) [m] as one number each, (P,)."""
     x, y, z = np.floor(points / CELL_M).astype(np.int64).T + (1 << 20)
     return np.asarray((x << 42) | (y << 21) | z)
 
 
 def _places(codes: np.ndarray) -> np.ndarray:
-    """Places of cells, in cells, (C, 3)."""
+    """Positions (C, 3) of cells with these codes (C,), in units of `CELL_M`."""
     return np.stack([codes >> 42, (codes >> 21) & ((1 << 21) - 1), codes & ((1 << 21) - 1)], axis=1) - (1 << 20)
 
 
@@ -398,7 +398,7 @@ def _outline(triangles: np.ndarray) -> np.ndarray:
 
 
 def _distance(points: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Distances of points (P, 3) to the nearest of edges (E, 2, 3), (P,) m."""
+    """Distances [m] of points (P, 3) to the nearest of edges (E, 2, 3), (P,)."""
     start, path = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
     along = np.clip(np.einsum("pei,ei->pe", offset, path) / np.maximum(np.einsum("ei,ei->e", path, path), 1e-30), 0, 1)

@@ -14,23 +14,23 @@ from t2d_rt.types.paths import points_in_scene
 
 
 def vertices(path: OneWayPath, points: np.ndarray) -> np.ndarray:
-    """Antenna, intersections with the planes of the chain, and target point of the paths to points (..., 3) m: (n + 2, ..., 3)."""
+    """Antenna, intersections with the planes of the chain, and target [m] of the paths to points (..., 3) [m]: (n + 2, ..., 3)."""
     return np.stack(unfolded_vertices(path, points)[1])
 
 
 def instants_of(seen_paths: Sequence[OneWayPath]) -> list[slice]:
-    """Which of the times each of `OneWayPath.seen_at` stands for."""
+    """Which of the times each path of `OneWayPath.seen_at` stands for."""
     return [slice(None)] if len(seen_paths) == 1 else [slice(number, number + 1) for number in range(len(seen_paths))]
 
 
 def apparent_m(seen_paths: Sequence[OneWayPath]) -> np.ndarray:
-    """Whence the last straight part comes, (3,) m, or (K, 1, 3) at several times."""
+    """Last image of the antenna, from which the last straight part comes [m], (3,), or (K, 1, 3) at several times."""
     places = [images(path)[-1] for path in seen_paths]
     return places[0] if len(places) == 1 else np.array(places)[:, None]
 
 
 def images(path: OneWayPath) -> list[np.ndarray]:
-    """The antenna, and its image after each element of the chain: whence each straight part comes, (3,) m each."""
+    """The antenna, and its image after each element of the chain: from these the straight parts come [m], (3,) each."""
     origins_m = [path.antenna_m]
     for through, plane in zip(path.elements.through, path.planes, strict=True):
         origins_m.append(origins_m[-1] if through else reflected(origins_m[-1], *plane))
@@ -38,7 +38,7 @@ def images(path: OneWayPath) -> list[np.ndarray]:
 
 
 def unfolded_vertices(path: OneWayPath, points: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """For which points (..., 3) m every plane is met between its neighbours, bool (...), and `vertices`, an array (..., 3) of each.
+    """For which points (..., 3) [m] every plane is met between its neighbours, bool (...), and `vertices`, an array (..., 3) each.
 
     A straight line from the last image to the point meets the last plane, one from there to the image before the plane before.
     """
@@ -56,13 +56,13 @@ def unfolded_vertices(path: OneWayPath, points: np.ndarray) -> tuple[np.ndarray,
 
 
 def reflected(points: np.ndarray, normal: np.ndarray, offset_m: float) -> np.ndarray:
-    """Points (..., 3) on the other side of a plane."""
+    """Mirror images of points (..., 3) [m] at a plane (eq. 24)."""
     return points - 2 * (points @ normal - offset_m)[..., None] * normal
 
 
 def existing(mirrors: Mirrors, paths: PathSet, points: np.ndarray, times_s: np.ndarray | None = None) -> np.ndarray:
-    """Whether each of the paths to points (Q, 3) m exists, inside the outlines of these mirrors and not blocked: bool (P, Q); of a
-    radar that moves each at its time (Q,) [s]."""
+    """Whether each of the paths to points (Q, 3) [m] exists, inside the outlines of these mirrors and not blocked: bool (P, Q); for
+    a radar that moves, each point at its time (Q,) [s]."""
     exists = np.zeros((len(paths), len(points)), bool)
     points = points_in_scene(paths.passing, points, times_s)
     for numbers in blocks(np.arange(len(paths)), len(points) * (paths.mask.shape[1] + 2)):

@@ -17,7 +17,8 @@ from t2d_rt.types.material import known_itu, short_name
 
 
 def itu_material(name: str, frequency_hz: float) -> Material:
-    """An ITU material at one frequency, smooth; "itu_concrete" is "concrete" (ITU-R P.2040-3, section 2.1.4)."""
+    """A smooth ITU material at one frequency (ITU-R P.2040-3, section 2.1.4); "itu_concrete" is "concrete". Raises InputError if
+    the table does not have it."""
     if not 0 < frequency_hz < math.inf:
         raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
     itu = _sionna_table()
@@ -36,7 +37,7 @@ def itu_material(name: str, frequency_hz: float) -> Material:
 
 
 def check_values(materials: Iterable[str | Material], frequency_hz: float) -> None:
-    """Refuses a scene's materials that have no values at a frequency, all at once."""
+    """Raises InputError for all of a scene's materials that have no values at a frequency."""
     valid = itu_names(frequency_hz)
     named = {short_name(material) for material in materials if isinstance(material, str)}
     missing = [known_itu(name) for name in sorted(named - set(valid))]

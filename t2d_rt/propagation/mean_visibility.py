@@ -15,40 +15,40 @@ from t2d_rt.types import MovingMesh, OneWayPath
 from t2d_rt.types.scatterer import Fraction
 
 POSES = 24
-"""Poses of a rotation in which a rotor's blockage by the static scene is found."""
+"""Number of poses of a rotation in which a rotor's blockage by the static scene is found."""
 POINTS = 300
-"""Points of it, about, whose mean visibility is that of all."""
+"""Approximate number of its points whose mean visibility is that of all."""
 
 
 class MeanVisibility:
-    """Mean visibility of one mesh, the same for all of its vertices, from several viewpoints at the sample times; it occludes
-    nothing itself.
+    """Mean visibility of one mesh, the same for all of its vertices, from several viewpoints at the sample times; the mesh itself
+    occludes nothing.
 
-    Viewpoints are worked on together, for what stands in the way is posed and traced once for all of them.
+    Viewpoints are worked on together, because what stands in the way is posed and traced once for all of them.
     """
 
     def __init__(
         self, mesh: MovingMesh, occluders: Occluders, samples_s: np.ndarray, *, solid: bool, backend: Backend
     ) -> None:
-        """`solid`: whether the `occluders` occlude."""
+        """`samples_s` (S,) are the sample times [s]; `solid` tells whether the `occluders` occlude."""
         self._mesh, self._occluders, self._samples_s = mesh, occluders, samples_s
         self._solid = solid and bool(occluders.meshes)
         self._backend = backend
         self._stride = max(1, len(mesh.rest) // POINTS)
         self._views: dict[Hashable, tuple[OneWayPath, Unblocked | None]] = {}
         self._functions: dict[tuple[Hashable, int], Fraction] = {}
-        """What `over` has given: scatterers that need the same fraction hold the same object."""
+        """What `over` has returned: scatterers that need the same fraction hold the same object."""
         self._known: dict[Hashable, tuple[np.ndarray, np.ndarray]] = {}
-        """Mean over one path, and over two that share the blockage by the scene, (K,)."""
+        """Mean over one path, and over two that share the blockage by the scene, (S,) each."""
 
     def over(self, key: Hashable, viewpoint: OneWayPath, unblocked: Unblocked | None, path_count: int) -> Fraction:
-        """Its function of times [s] (K,), (K, V), from a viewpoint of that name; the fraction `unblocked` by the scene counts for
-        `path_count` one-way paths, 1 or 2."""
+        """Function that gives the visibility (K, V) at times (K,) [s] from the viewpoint of that name; the fraction `unblocked` by
+        the scene counts for `path_count` one-way paths, 1 or 2."""
         self._views.setdefault(key, (viewpoint, unblocked))
         return self._functions.setdefault((key, path_count), partial(self.at, key, path_count))
 
     def at(self, key: Hashable, path_count: int, times_s: np.ndarray) -> np.ndarray:
-        """Visibility from a viewpoint at times [s] (K,), (K, V)."""
+        """Visibility (K, V) from a viewpoint at times (K,) [s]."""
         if key not in self._known:
             self._find()
         values = self._known[key][path_count - 1][:, None]
@@ -94,8 +94,8 @@ class MeanVisibility:
                         mean[rows] = (visible * reached[key][pose[rows]] ** (number + 1)).mean(axis=1)
 
     def _near(self, viewpoint: OneWayPath, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
-        """Which marks on the occluders (K, M, 3) m may be in the way to a ball around (K, 1, 3) m of radius (K, 1) m, or stand for
-        what is, at the sample times, bool (K, M)."""
+        """Which marks on the occluders (K, M, 3) [m] may be in the way to a ball around (K, 1, 3) [m] of radius (K, 1) [m], or
+        stand for what is, at the sample times, bool (K, M)."""
         *before, place_m = images(viewpoint)
         obstructing = self._between(place_m, marked, middle, radius)
         # Unfolded, each straight part runs from an image of the antenna to the ball's image in the mirrors after it.
@@ -108,7 +108,7 @@ class MeanVisibility:
     def _between(
         self, viewpoint_m: np.ndarray, marked: np.ndarray, middle: np.ndarray, radius: np.ndarray
     ) -> np.ndarray:
-        """Which marks may be in the way of a straight line from a place to the ball."""
+        """Which marks, bool (K, M), may be in the way of a straight line from a place (3,) [m] to the ball."""
         towards = middle - viewpoint_m
         length = np.linalg.norm(towards, axis=2)
         reach = self._occluders.mark_reach_m
@@ -120,8 +120,8 @@ class MeanVisibility:
 
 
 def poses(mesh: MovingMesh, times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times (P,) of poses that stand for those of a mesh at times [s] (K,), and the number of each one's (K,): the same few for all
-    rotations of a mesh that has a period."""
+    """Times (P,) [s] of poses that stand for those of a mesh at times (K,) [s], and the number of the pose for each of these (K,).
+    A mesh that has a period has the same few for all rotations."""
     if mesh.period_s is None or len(times_s) <= POSES:
         return times_s, np.arange(len(times_s))
     cycles = (times_s - mesh.times_s[0]) / mesh.period_s % 1

@@ -25,21 +25,21 @@ from t2d_rt.types.scene import ROOM_PLANES
 Chain = tuple[int, ...]
 """What a ray meets: k is a reflection by mirror k, ~k (that is -1 - k) a passage through it."""
 RAYS = 1 << 20
-"""Rays that search for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
+"""Number of rays that search for chains: one for each 1.2e-5 sr, 1 cm^2 at 3 m."""
 OUTLINE_M = 1e-7
-"""A reflection that far outside an outline counts as inside: none may fall between two triangles."""
+"""Distance [m] outside an outline at which a reflection still counts as inside: none may fall between two triangles."""
 ONE_PLANE_M = 1e-5
-"""Mirrors of different surfaces that near to one plane, and that far into one another, overlap there."""
+"""Mirrors of different surfaces that lie this near [m] to one plane, and reach farther into one another, overlap there."""
 FAR_M = 100.0
-"""As far from the origin of the coordinates float32 is right to a tenth of `SKIN_M`."""
+"""Distance [m] from the origin of the coordinates up to which float32 is right to a tenth of `SKIN_M`."""
 SKIN_M = 1e-4
-"""Rays start and end that far from what they are reflected at."""
+"""Distance [m] from what they are reflected at at which rays start and end."""
 MOST_LOSS_DB = 40.0
-"""Slabs that together take more than that from a ray at normal incidence stop it."""
+"""Loss [dB] at normal incidence beyond which slabs together stop a ray."""
 CLOSED = 0.9
 """Winding number beyond which triangles are closed around a place: 1 within a shell, less in a valley or an open box."""
 LEAST_FLOOR_M2, LEAST_HEIGHT_M = 2.0, 1.8
-"""Least floor and height of a room."""
+"""Least floor [m^2] and height [m] of a room."""
 
 _last_chains = LastUsed[list[Chain]](16)
 """Chains by all that their search follows from."""
@@ -54,17 +54,17 @@ class Mirror:
     normal: np.ndarray
     """Unit normal (3,); both sides reflect."""
     offset_m: float
-    """normal . x of its points."""
+    """Offset of its plane [m]: normal . x of its points."""
     triangles: np.ndarray
-    """(F, 3, 3) m."""
+    """Corners of its triangles [m], (F, 3, 3)."""
     edges: tuple[np.ndarray, np.ndarray]
-    """Of each triangle's three edges: the inward direction (3 F, 3), and how far along that the edge lies (3 F,)."""
+    """Inward direction of each triangle's three edges, (3 F, 3), and how far along that the edge lies [m], (3 F,)."""
     covers: tuple[Mirror, ...] = ()
-    """Others of its plane that count instead where they overlap it."""
+    """Other mirrors of its plane that count instead where they overlap it."""
 
     @classmethod
     def of(cls, name: str, surface: int, normal: np.ndarray, triangles: np.ndarray) -> Mirror:
-        """A mirror of triangles (F, 3, 3) of one plane."""
+        """A mirror of triangles (F, 3, 3) [m] in one plane."""
         normals = edge_cross(triangles)
         inward = np.cross(normals[:, None], np.roll(triangles, -1, axis=1) - triangles)
         inward /= np.linalg.norm(inward, axis=2, keepdims=True)
@@ -73,7 +73,7 @@ class Mirror:
         return cls(name, surface, normal, float(np.mean(triangles @ normal)), triangles, edges)
 
     def holds(self, points: np.ndarray) -> np.ndarray:
-        """Which of points (..., 3) of its plane lie inside its outline, bool (...)."""
+        """Which of points (..., 3) [m] of its plane lie inside its outline, bool (...)."""
         inward, offset = self.edges
         inside = [np.zeros(0, bool)]
         for block in blocks(points.reshape(-1, 3), len(inward)):
@@ -108,21 +108,21 @@ def _outside(inward: np.ndarray, along: np.ndarray, triangles: np.ndarray) -> np
 
 @dataclass(frozen=True, slots=True)
 class Mirrors:
-    """All of a scene's, in a form that rays can be traced in."""
+    """All mirrors of a scene, in a form that rays can be traced in."""
 
     scene: Scene
     parts: list[Mirror]
     of_face: np.ndarray
-    """Mirror of each triangle."""
+    """Number of the mirror of each triangle."""
     backend: Backend
     traced: Any = field(repr=False)
     """Mitsuba's scene of all triangles, in float32 from `origin_m`."""
     origin_m: np.ndarray | None = None
-    """Place (3,) near the radar, where this is far from that of the coordinates; None: the coordinates' own."""
+    """Origin (3,) [m] near the radar, where this is far from that of the coordinates; None: the coordinates' own."""
 
     @classmethod
     def of(cls, scene: Scene, backend: Backend, place_m: np.ndarray | None = None) -> Mirrors:
-        """Plane parts of all surfaces; rays will be traced near a place (3,)."""
+        """Plane parts of all surfaces; rays will be traced near a place (3,) [m]. Raises InputError if there are too many."""
         origin_m = None if place_m is None or np.abs(place_m).max() < FAR_M else np.round(place_m)
         parts: list[Mirror] = []
         named: Counter[str] = Counter()
@@ -154,18 +154,18 @@ class Mirrors:
         return replace(mirrors, traced=traceable(mi, body))
 
     def local(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (..., 3) from `origin_m`: float32, in which rays are traced, holds no tenth of a millimetre 1 km away."""
+        """Points (..., 3) [m] relative to `origin_m`: 1 km away float32, in which rays are traced, has steps of 0.06 mm."""
         return points_m if self.origin_m is None else points_m - self.origin_m
 
     def world(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (..., 3) that were `local`."""
+        """Points (..., 3) [m] in the coordinates of the scene, from `local` ones."""
         return points_m if self.origin_m is None else points_m + self.origin_m
 
     def chains(
         self, place_m: np.ndarray, order: int, *, transmissions: int = 0, loss_db: np.ndarray | None = None
     ) -> list[Chain]:
-        """Chains that rays from a place can take, () first, shorter ones before longer ones: up to `order` reflections, and
-        passages through up to `transmissions` mirrors, each of which takes its `loss_db` (M,) from a ray.
+        """Chains that rays from a place (3,) [m] can take, () first, shorter ones before longer ones: up to `order` reflections,
+        and passages through up to `transmissions` mirrors, each of which takes its `loss_db` (M,) from a ray.
 
         Those of the last scenes and places are kept: the search takes longer than all else about the paths of a simple room.
         """
@@ -199,8 +199,8 @@ class Mirrors:
         return sorted(chains, key=len)
 
     def parted(self, chains: Sequence[Chain]) -> tuple[Mirrors, list[Chain]]:
-        """The same with no place of a plane in two of the mirrors that the chains meet, so that none reflects twice: the first one
-        has it; and the chains, with one over each of the others for those over any that overlap."""
+        """These mirrors, changed so that no place of a plane lies in two of those that the chains meet, which would reflect twice:
+        the first one has it; and the chains, with those added that meet an overlapping mirror in place of another."""
         # k and ~k name the same mirror; the greater of the two is its number.
         met = sorted({max(k, ~k) for chain in chains for k in chain})
         parts = list(self.parts)
@@ -228,7 +228,7 @@ class Mirrors:
         return replace(self, parts=parts), sorted(tried, key=len)
 
     def _onward(self, beams: _Rays, loss_db: np.ndarray) -> list[_Rays]:
-        """Rays after the next mirror: those reflected and those let through."""
+        """Rays after the next mirror: those that it reflects and those that it lets through."""
         import drjit as dr
 
         mi = mitsuba(self.backend)
@@ -263,7 +263,7 @@ class Mirrors:
     def first(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """How far along rays (..., 3) the first mirror stands, infinite where none within their length, and which, (...)."""
+        """Distance [m] along rays (..., 3) to the first mirror, infinite where none is within their length, and its number."""
         return self.first_of_local(self.local(origin_m), direction, length_m)
 
     @one_thread_at_a_time
@@ -278,7 +278,7 @@ class Mirrors:
         return distance, self.of_face[np.where(np.isfinite(distance), number, 0)]
 
     def slab_at(self, place_m: np.ndarray) -> str | None:
-        """Name of a surface that holds a place within its thickness, None if none does."""
+        """Name of a surface that holds a place (3,) [m] within its thickness, None if none does."""
         for mirror in self.parts:
             surface = self.scene.surfaces[mirror.surface]
             away = float(place_m @ mirror.normal - mirror.offset_m)
@@ -288,7 +288,7 @@ class Mirrors:
         return None
 
     def shells_enclosing(self, place_m: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
-        """Closed pieces of surfaces around a place, whichever side they face: the surface's name and triangles (F, 3, 3)."""
+        """Yields closed pieces of surfaces around a place, whichever side they face: surface name and triangles (F, 3, 3) [m]."""
         parts: dict[int, list[np.ndarray]] = {}
         for mirror in self.parts:
             parts.setdefault(mirror.surface, []).append(mirror.triangles)
@@ -302,7 +302,7 @@ class Mirrors:
                         yield surface.name, triangles[piece == index]
 
     def free(self, start_m: np.ndarray, stop_m: np.ndarray) -> np.ndarray:
-        """Whether segments between points (..., 3) and points (..., 3) are free, bool (...), but for what they lie on."""
+        """Whether segments between points (..., 3) and points (..., 3) [m] are free, bool (...), but for what they end on."""
         start, stop = np.broadcast_arrays(self.local(start_m), self.local(stop_m))
         if not start.size:  # Dr.Jit aborts the process over rays that are none
             return np.ones(start.shape[:-1], bool)
@@ -316,12 +316,12 @@ class Mirrors:
 
 @dataclass(frozen=True, slots=True)
 class _Rays:
-    """Rays in flight, and the mirrors that they have met."""
+    """Rays in flight, and the chains of mirrors that they have met."""
 
     origin: Any
     direction: Any
     inside: Any
-    """Whether they have met as much, Bool (R,)."""
+    """Which of them have met a mirror each time, Bool (R,)."""
     bearable_db: Any
     """Loss that they may have in further slabs [dB], Float (R,)."""
     path: np.ndarray
@@ -345,7 +345,7 @@ class _Rays:
 
 
 def has_room(size_m: np.ndarray) -> bool:
-    """Whether a box of that size (3,) is as large as a room; what is smaller and closed is furniture."""
+    """Whether a box of that size (3,) [m] is as large as a room; what is smaller and closed is furniture."""
     return bool(size_m[0] * size_m[1] >= LEAST_FLOOR_M2 and size_m[2] >= LEAST_HEIGHT_M)
 
 
@@ -361,7 +361,7 @@ def _piece_of(triangles: np.ndarray) -> np.ndarray:
 
 
 def _once(triangles: np.ndarray) -> np.ndarray:
-    """The first of triangles (F, 3, 3) that have the same corners, bool (F,): a second one would be a second side."""
+    """Which triangles (F, 3, 3) are the first ones with their corners, bool (F,): a second one would be a second side."""
     corners = np.round(triangles, 6)
     order = np.lexsort(corners.transpose(2, 0, 1)[::-1], axis=1)
     sorted_corners = np.take_along_axis(corners, order[..., None], axis=1).reshape(len(corners), 9)
@@ -371,7 +371,7 @@ def _once(triangles: np.ndarray) -> np.ndarray:
 
 
 def _side(normal: np.ndarray) -> str:
-    """Axis that a normal points along, roughly."""
+    """Name of the axis that a normal points along most, such as "+x"."""
     axis = int(np.argmax(np.abs(normal)))
     return ("-" if normal[axis] < 0 else "+") + "xyz"[axis]
 

@@ -14,9 +14,9 @@ from t2d_rt.geometry.vectors import cross, dot, norms, vector_product
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
-"""So many faces stand in one ray tracer's scene, of so many instants."""
+"""Greatest number of faces in one ray tracer's scene, if it holds several instants, and of these instants."""
 MARK_M = 0.06
-"""Blockage by the static scene is sampled at vertices that far apart: its shadows have soft edges."""
+"""Distance [m] of the vertices at which blockage by the static scene is sampled: its shadows have soft edges."""
 
 
 @dataclass(frozen=True)
@@ -25,15 +25,15 @@ class PosedOccluders:
 
     meshes: Occluders
     times_s: np.ndarray
-    """(K,)."""
+    """The instants [s], (K,)."""
     vertices: np.ndarray
-    """(K, V, 3) m."""
+    """Vertices of all meshes [m], (K, V, 3)."""
     points: np.ndarray
-    """Where visibility is sampled: the vertices, and those that the subdivision adds, mesh by mesh (K, V', 3) m."""
+    """Where visibility is sampled [m], (K, V', 3): the vertices, and those that the subdivision adds, mesh by mesh."""
 
     @cached_property
     def _corner_and_area(self) -> tuple[np.ndarray, np.ndarray]:
-        """A corner of each face of the meshes, and its normal, twice as long as its area is large, (3, F, K) each."""
+        """A corner of each face of the meshes, and its normal with twice its area as length, (3, F, K) each."""
         a, b, c = corners(self.vertices, self.meshes.faces)
         return a, np.stack(cross(b - a, c - a))
 
@@ -45,12 +45,12 @@ class PosedOccluders:
 
     @cached_property
     def normals(self) -> np.ndarray:
-        """Unit normals at these points, weighted with the areas of the faces they belong to (K, V', 3)."""
+        """Unit normals at these points, weighted with the areas of the faces they belong to, (K, V', 3)."""
         return point_normals(self._corner_and_area[1], self.meshes.faces_of_points)
 
     def facing(self, places_m: Sequence[np.ndarray]) -> np.ndarray:
-        """Which faces occlude from these places outside of the meshes, bool (K, F): of closed parts whose faces look outward only
-        those that face one of them, for a ray that leaves a body crosses one of these."""
+        """Which faces occlude from these places outside of the meshes, bool (K, F). Of closed parts whose faces look outward they
+        are only those that face one of the places, for a ray that leaves a body crosses one of these."""
         corner, area = self._corner_and_area
         # Six times the volume of each part, from the tetrahedra over its faces: negative where it is turned inside out.
         middle = corner.mean(axis=1, keepdims=True)
@@ -68,8 +68,8 @@ class PosedOccluders:
         return np.stack([ends[corner, ..., range(3)].transpose(1, 2, 0) for corner in np.ndindex(2, 2, 2)], axis=2)
 
     def folds(self, instants: np.ndarray, mesh: int, place_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Edges of a mesh between faces that face a place and others, or none: the index into `instants` (k,) of each edge (E,),
-        ascending, and from and to where (2, E, 3), around the faces counter-clockwise as seen from there."""
+        """Edges of a mesh between faces that face a place (3,) [m] and others, or none: the index into `instants` (k,) of each
+        edge, (E,), ascending, and its two ends [m], (2, E, 3), counter-clockwise around the faces as seen from there."""
         half_edges = self.meshes.half_edges[mesh]
         first, last = self.meshes.face_starts[mesh : mesh + 2]
         facing = dot(self._corner_and_area[1][:, first:last], place_m) >= self._heights[first:last]
@@ -93,17 +93,17 @@ class Occluders:
 
     @cached_property
     def faces(self) -> np.ndarray:
-        """Faces of all meshes, as of one (F, 3)."""
+        """Faces of all meshes, numbered as those of one, (F, 3)."""
         return _side_by_side([m.faces for m in self.meshes], [len(m.rest) for m in self.meshes])
 
     @cached_property
     def starts(self) -> np.ndarray:
-        """Number of the first vertex of each mesh, and of all (M + 1,)."""
+        """Number of the first vertex of each mesh, and number of all vertices, (M + 1,)."""
         return np.cumsum([0, *(len(m.rest) for m in self.meshes)])
 
     @cached_property
     def face_starts(self) -> np.ndarray:
-        """Number of the first face of each mesh, and of all (M + 1,)."""
+        """Number of the first face of each mesh, and number of all faces, (M + 1,)."""
         return np.cumsum([0, *(len(m.faces) for m in self.meshes)])
 
     @cached_property
@@ -113,17 +113,17 @@ class Occluders:
 
     @cached_property
     def owner(self) -> np.ndarray:
-        """Of which mesh each of the points is (V',)."""
+        """Number of the mesh that each of the points belongs to, (V',)."""
         return np.repeat(np.arange(len(self.meshes)), self._sizes)
 
     @cached_property
     def closed(self) -> np.ndarray:
-        """Which faces belong to a closed mesh (F,)."""
+        """Which faces belong to a closed mesh, bool (F,)."""
         return np.concatenate([np.full(len(m.faces), _is_closed(m)) for m in self.meshes])
 
     @cached_property
     def parts(self) -> Any:
-        """Sparse (P, F): 1 where a face belongs to a part, faces that hang together by their vertices."""
+        """Sparse matrix (P, F), 1 where a face belongs to a part: faces that hang together by their vertices."""
         from scipy.sparse import csr_array
         from scipy.sparse.csgraph import connected_components
 
@@ -138,30 +138,30 @@ class Occluders:
 
     @cached_property
     def copies(self) -> int:
-        """At how many instants they are traced in one scene."""
+        """Number of instants at which they are traced in one scene."""
         if not self.meshes:
             return MOST_COPIES
         return int(np.clip(FACES_PER_SCENE // (len(self.faces) * 2**self._subdivision), 1, MOST_COPIES))
 
     @cached_property
     def neighbours(self) -> Any:
-        """Sparse (V', V'): 1 where two points share an edge."""
+        """Sparse matrix (V', V'), 1 where two points share an edge."""
         return _adjacency(self._incidence)
 
     @cached_property
     def are_vertices(self) -> np.ndarray:
-        """Which of the points are vertices of the meshes, not added by the subdivision (V',)."""
+        """Which of the points are vertices of the meshes, not added by the subdivision, bool (V',)."""
         counts = [(len(m.rest), size - len(m.rest)) for m, size in zip(self.meshes, self._sizes, strict=True)]
         return np.repeat(np.tile([True, False], len(counts)), np.ravel(counts))
 
     def beside(self, marked: np.ndarray) -> np.ndarray:
-        """Which points (K, V') lie in faces of the meshes that have a marked vertex, of (K, V'), or a neighbour of one."""
+        """Which points, bool (K, V'), lie in faces of the meshes that have a `marked` vertex, of (K, V'), or a neighbour of one."""
         vertices = self._about @ marked[:, self.are_vertices].T.astype(np.float32) > 0
         return np.asarray((self._within @ vertices.astype(np.float32) > 0).T)
 
     @cached_property
     def _about(self) -> Any:
-        """Sparse (V, V): 1 where two vertices of the meshes share an edge or are one."""
+        """Sparse matrix (V, V), above 0 where two vertices of the meshes share an edge or are one."""
         from scipy.sparse import eye_array
 
         vertices = self._within.shape[1]
@@ -169,18 +169,18 @@ class Occluders:
 
     @cached_property
     def _within(self) -> Any:
-        """Sparse (V', V): above 0 where a point lies in a face of a vertex, or on its edges."""
+        """Sparse matrix (V', V), above 0 where a point lies in a face of a vertex, or on its edges."""
         from scipy.sparse import block_diag
 
         return block_diag([refinement.operator for refinement in self._subdivided], format="csr")
 
     @cached_property
     def marks(self) -> tuple[np.ndarray, Any]:
-        """Numbers (M,) of points about `MARK_M` apart, and the interpolation from these to all points: sparse (V', M)."""
+        """Numbers (M,) of points about `MARK_M` apart, and the interpolation from these to all points, a sparse matrix (V', M)."""
         return _marks([m.rest for m in self.meshes], [refinement.operator for refinement in self._subdivided])
 
     def at(self, times_s: np.ndarray) -> PosedOccluders:
-        """The meshes at these times."""
+        """The meshes at times (K,) [s]."""
         posed = [mesh.at(times_s) for mesh in self.meshes]
         vertices = points = np.concatenate(posed, axis=1)
         if self._subdivision:
@@ -189,13 +189,13 @@ class Occluders:
         return PosedOccluders(self, times_s, vertices, points)
 
     def marked(self, times_s: np.ndarray) -> np.ndarray:
-        """The `marks` at all of the sample times (K, M, 3) m."""
+        """Places of the `marks` at sample times (K,) [s], (K, M, 3) [m]."""
         parts = (self.at(times_s[first : first + self.copies]).points for first in range(0, len(times_s), self.copies))
         return np.concatenate([part[:, self.marks[0]] for part in parts])
 
     @cached_property
     def mark_of_face(self) -> np.ndarray:
-        """The nearest mark of each face, (F,)."""
+        """Number of the nearest mark of each face, (F,)."""
         from scipy.spatial import cKDTree
 
         numbers, nearest_marks, ends = self.marks[0], [], np.cumsum([0, *self._sizes])
@@ -207,12 +207,12 @@ class Occluders:
 
     @cached_property
     def mark_reach_m(self) -> float:
-        """Greatest distance of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
+        """Greatest distance [m] of any point of the meshes from a mark: in faces, and where skin stretches to twice its length."""
         edges = (mesh.rest[mesh.faces] - mesh.rest[np.roll(mesh.faces, 1, axis=1)] for mesh in self.meshes)
         return 2 * (MARK_M + max(float(np.linalg.norm(edge, axis=2).max()) for edge in edges))
 
     def split(self, values: np.ndarray) -> list[np.ndarray]:
-        """Values at all points (K, V') mesh by mesh."""
+        """Values at all points (K, V'), mesh by mesh."""
         return np.split(values, np.cumsum(self._sizes)[:-1], axis=1)
 
     @property
@@ -226,17 +226,17 @@ class Occluders:
 
     @cached_property
     def subdivided_faces(self) -> np.ndarray:
-        """Faces between all points (F', 3)."""
+        """Faces between all points, (F', 3)."""
         return _side_by_side([refinement.faces for refinement in self._subdivided], self._sizes)
 
     @cached_property
     def _incidence(self) -> Any:
-        """Sparse (V', F'): 1 where a point belongs to a face."""
+        """Sparse matrix (V', F'), 1 where a point belongs to a face."""
         return incidence(self.subdivided_faces, sum(self._sizes))
 
     @cached_property
     def faces_of_points(self) -> Any:
-        """Sparse (V', F): how many of the equal parts of a face of the meshes each point belongs to."""
+        """Sparse matrix (V', F): how many of the equal parts of a face of the meshes each point belongs to."""
         from scipy.sparse import csr_array
 
         parts = len(self.subdivided_faces)
@@ -247,15 +247,15 @@ class Occluders:
 
 
 class _HalfEdges(NamedTuple):
-    """Edges of a mesh's faces, each as its face runs along it (H,), by the numbers among those of all meshes."""
+    """Edges of a mesh's faces, each as its face runs along it, (H,); vertices and faces are numbered as those of all meshes."""
 
     tail: np.ndarray
     head: np.ndarray
     face: np.ndarray
     twin_face: np.ndarray
-    """Face on the other side (H,)."""
+    """Face on the other side, (H,)."""
     border: np.ndarray
-    """Whether there is no such face (H,)."""
+    """Whether there is no such face, bool (H,)."""
 
     @classmethod
     def of(cls, mesh: MovingMesh, first_vertex: int, first_face: int) -> _HalfEdges:
@@ -275,7 +275,7 @@ class _HalfEdges(NamedTuple):
 
 
 SLIVER_M = 1e-6
-"""Faces no higher than this face nowhere: the sign of their area is rounding."""
+"""Height [m] up to which faces face nowhere: the sign of their area is rounding."""
 
 
 def _instead_of_slivers(corners_m: np.ndarray, twin: np.ndarray) -> np.ndarray:
@@ -296,13 +296,13 @@ def _instead_of_slivers(corners_m: np.ndarray, twin: np.ndarray) -> np.ndarray:
 
 
 def posed_vertex_normals(vertices: np.ndarray, faces: np.ndarray, of_faces: Any) -> np.ndarray:
-    """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3)."""
+    """Area-weighted unit normals (K, V, 3) of vertices (K, V, 3) [m]."""
     a, b, c = corners(vertices, faces)
     return point_normals(np.stack(cross(b - a, c - a)), of_faces)
 
 
 def point_normals(areas: np.ndarray, of_faces: Any) -> np.ndarray:
-    """Unit normals (K, V, 3) of points that belong to faces, sparse (V, F), whose normals (3, F, K) are as long as they weigh."""
+    """Unit normals (K, V, 3) of points in faces, sparse (V, F); the faces' normals (3, F, K) have their weights as lengths."""
     total = np.stack([of_faces @ area for area in areas])
     return (total / np.maximum(np.sqrt((total**2).sum(axis=0)), 1e-30)).T
 
@@ -314,7 +314,7 @@ def corners(vertices: np.ndarray, faces: np.ndarray) -> Iterator[np.ndarray]:
 
 
 def incidence(faces: np.ndarray, count: int) -> Any:
-    """Sparse (V, F): 1 where a vertex belongs to a face."""
+    """Sparse matrix (V, F), 1 where a vertex belongs to a face."""
     from scipy.sparse import csr_array
 
     rows = faces.ravel()
@@ -323,7 +323,7 @@ def incidence(faces: np.ndarray, count: int) -> Any:
 
 
 def _adjacency(incidence: Any) -> Any:
-    """Sparse (V, V): 1 where two vertices share an edge."""
+    """Sparse matrix (V, V), 1 where two vertices share an edge."""
     joined = (incidence @ incidence.T).tocsr()
     joined.setdiag(0)
     joined.eliminate_zeros()
@@ -337,20 +337,20 @@ def _is_closed(mesh: MovingMesh) -> bool:
 
 
 def _side_by_side(faces: Sequence[np.ndarray], sizes: Sequence[int]) -> np.ndarray:
-    """Faces of meshes of so many vertices as those of one."""
+    """Faces of meshes with these numbers of vertices, numbered as those of one mesh."""
     offsets = np.cumsum([0, *sizes[:-1]])
     return np.concatenate([face + offset for face, offset in zip(faces, offsets, strict=True)])
 
 
 def _of_each(operator: Any, vertices: np.ndarray) -> np.ndarray:
-    """Applies a sparse (V', V) to vertices (K, V, 3)."""
+    """Applies a sparse matrix (V', V) to vertices (K, V, 3) and returns (K, V', 3)."""
     flat = operator @ np.ascontiguousarray(vertices.swapaxes(0, 1)).reshape(vertices.shape[1], -1)
     return np.asarray(flat.reshape(-1, len(vertices), 3).swapaxes(0, 1))
 
 
 def _marks(rest: Sequence[np.ndarray], operators: Sequence[Any]) -> tuple[np.ndarray, Any]:
-    """Numbers (M,) of vertices at least `MARK_M` apart in each of some meshes (V, 3), and the interpolation from these to all
-    vertices of the subdivided meshes, whose `operators` are sparse (V', V): sparse (V', M)."""
+    """Numbers (M,) of vertices at least `MARK_M` apart in each of some meshes (V, 3) [m], and the interpolation from these to all
+    vertices of the subdivided meshes, whose `operators` are sparse (V', V): a sparse matrix (V', M)."""
     from scipy.sparse import block_diag, csr_array
     from scipy.spatial import cKDTree
 

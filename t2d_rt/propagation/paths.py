@@ -23,24 +23,24 @@ from t2d_rt.types.path_fields import transmission
 from t2d_rt.types.paths import Elements, Passing
 
 SEARCHED_M = 0.25
-"""Chains of mirrors are looked for at places of a radar's track that lie so far apart; which of them exist is asked more often."""
+"""Spacing [m] of the places on a radar's track where chains of mirrors are searched; which exist is tested more often."""
 SEARCHED_HZ = 100.0
-"""Rate at which such places are looked for."""
+"""Rate [Hz] of the instants from which these places are taken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Along:
-    """The way of a radar that moves, as the search for its paths needs it."""
+    """The track of a radar that moves, as the search for its paths needs it."""
 
     passing: Passing
     searched_s: np.ndarray
-    """When it is at places that stand for all of its track (K,)."""
+    """Times [s] when it is at places that stand for all of its track, (K,)."""
     probed_s: np.ndarray
-    """When the points that paths are searched to are where they are (Q,)."""
+    """Times [s] when the points that paths are searched to are where they are, (Q,)."""
 
     @classmethod
     def of(cls, radar: Radar, span_s: tuple[float, float], probed_s: np.ndarray) -> Along | None:
-        """The track between two times; None for a radar that stands still."""
+        """The track between two times [s]; None for a radar that stands still."""
         if radar.track is None:
             return None
         times_s = np.linspace(*span_s, max(2, math.ceil((span_s[1] - span_s[0]) * SEARCHED_HZ)))
@@ -51,7 +51,7 @@ class Along:
         return cls(radar.passing, times_s[numbers], probed_s)
 
     def places_m(self, place_m: np.ndarray) -> np.ndarray:
-        """Where an antenna (3,), as it sees itself, is in the scene then, (K, 3) m."""
+        """Places (K, 3) [m] in the scene, at `searched_s`, of an antenna at (3,) [m] in the radar's own frame."""
         return self.passing(self.searched_s).back.points(np.broadcast_to(place_m, (len(self.searched_s), 3)))
 
 
@@ -63,8 +63,8 @@ class FoundPaths:
     edges: Edges
     """Edges of the mirrors as these paths count them: where mirrors overlap, one of them has the place."""
     fraction: np.ndarray
-    """Of the field that reaches the points of the search, float32 (P, Q): 1 or 0 as the path exists or does not; of one that exists
-    to no point, what fades into the shadow."""
+    """Fraction of the field that reaches the points of the search, float32 (P, Q): 1 where a path exists and 0 where it does not,
+    or, of a path that exists to no point, what fades into the shadow."""
 
     def __len__(self) -> int:
         return len(self.paths)
@@ -81,8 +81,8 @@ def find_paths(
     probes_m: np.ndarray,
     along: Along | None = None,
 ) -> FoundPaths:
-    """One-way paths of up to `order` reflections and `transmissions` slabs between an antenna at `place_m`, of that polarisation
-    (3,), and any of points (Q, 3); of an antenna that moves `along` a track as this sees them."""
+    """One-way paths of up to `order` reflections and `transmissions` slabs between an antenna at `place_m` (3,) [m] of that
+    polarisation (3,) and any of points (Q, 3) [m]; of an antenna that moves `along` a track as this sees them."""
     materials = [resolved(surface.material, frequency_hz) for surface in mirrors.scene.surfaces]
     loss_db = _losses_db(mirrors, materials, frequency_hz) if transmissions else None
     places = np.array([place_m]) if along is None else along.places_m(place_m)
@@ -102,7 +102,7 @@ def find_paths(
 
 
 def _losses_db(mirrors: Mirrors, materials: Sequence[Material], frequency_hz: float) -> np.ndarray:
-    """Transmission loss of each mirror (M,) at normal incidence."""
+    """Transmission loss [dB] of each mirror at normal incidence, (M,)."""
     slabs = zip(materials, mirrors.scene.surfaces, strict=True)
     transmitted = [
         transmission(material, surface.thickness_m, np.array(1.0), frequency_hz)[0] for material, surface in slabs
@@ -118,7 +118,7 @@ def _path_set(
     polarization: np.ndarray,
     passing: Passing | None,
 ) -> PathSet:
-    """A path over each chain, whether any point has it or not."""
+    """A set with a path over each chain, whether any point has it or not."""
     lengths = np.array([len(chain) for chain in chains])
     mask = np.arange(lengths.max()) < lengths[:, None]
     met = np.zeros(mask.shape, np.int64)
@@ -143,7 +143,7 @@ def _path_set(
 
 
 def _elements(mirrors: Mirrors, materials: Sequence[Material], met: np.ndarray) -> Elements:
-    """Elements of chains: k is a reflection by mirror k, ~k a transmission through it."""
+    """Elements of chains (P, L): k is a reflection by mirror k, ~k a transmission through it."""
     surfaces, through = mirrors.scene.surfaces, met < 0
     mirror = np.where(through, ~met, met)
     of_surface = np.array([part.surface for part in mirrors.parts])[mirror]
@@ -164,7 +164,7 @@ def _elements(mirrors: Mirrors, materials: Sequence[Material], met: np.ndarray) 
 
 
 def _unfolding(elements: Elements, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Image of the antenna in a chain, mirror matrix and shift."""
+    """Image of the antenna in a chain [m], (3,), mirror matrix (3, 3) and shift [m], (3,)."""
     image, mirror_matrix, shift = place, np.eye(3), np.zeros(3)
     for through, normal, offset_m in zip(elements.through, elements.normal, elements.offset_m, strict=True):
         if not through:

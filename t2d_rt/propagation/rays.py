@@ -36,7 +36,7 @@ def mitsuba(backend: Backend) -> Any:
 
 
 def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None) -> Any:
-    """A mesh of vertices (V, 3) m; by default every three are a triangle."""
+    """A mesh of vertices (V, 3) [m]; by default every three are a triangle."""
     faces = np.arange(len(vertices)) if faces is None else faces
     mesh = mi.Mesh("mesh", len(vertices), faces.size // 3)
     values = mi.traverse(mesh)
@@ -47,17 +47,17 @@ def mitsuba_mesh(mi: Any, vertices: np.ndarray, faces: np.ndarray | None = None)
 
 
 def traceable(mi: Any, mesh: Any) -> Any:
-    """A scene of one mesh that lets no ray through between its triangles: Embree's usual test may, where one runs on to an edge."""
+    """A scene of one mesh that lets no ray through between triangles: Embree's usual test may, where a ray runs onto an edge."""
     return mi.load_dict({"type": "scene", "embree_use_robust_intersections": True, "mesh": mesh})
 
 
 def columns(mi: Any, points: np.ndarray) -> list[Any]:
-    """x, y, z of points (..., 3)."""
+    """Coordinates x, y, z of points (..., 3), flat on the device."""
     return [mi.Float(aligned(points[..., axis], np.float32)) for axis in range(3)]
 
 
 def rays(mi: Any, origins: np.ndarray, directions: np.ndarray, length: np.ndarray | None = None) -> Any:
-    """Rays from (..., 3) in directions (..., 3), as far as their length (...) where one is given."""
+    """Rays from (..., 3) [m] in unit directions (..., 3), as far as their length (...) [m] where one is given."""
     ray = mi.Ray3f(mi.Point3f(*columns(mi, origins)), mi.Vector3f(*columns(mi, directions)))
     if length is not None:
         ray.maxt = mi.Float(aligned(length, np.float32))
@@ -65,9 +65,9 @@ def rays(mi: Any, origins: np.ndarray, directions: np.ndarray, length: np.ndarra
 
 
 def scene_of_instants(mi: Any, vertices: np.ndarray, faces: np.ndarray, reach_m: float) -> tuple[Any, np.ndarray]:
-    """Meshes at up to 64 instants in one scene, none within the reach of another, and how far each is shifted, (K, 1, 3) m.
+    """Meshes at up to 64 instants in one scene, none within the reach of another, and how far each is shifted [m], (K, 1, 3).
 
-    Vertices are (K, V, 3) m; faces (..., 3) number those of all instants as one list.
+    Vertices are (K, V, 3) [m]; faces (..., 3) number those of all instants as one list.
     """
     cell = np.stack(np.unravel_index(np.arange(len(vertices)), (4, 4, 4)), axis=1)
     shift = cell[:, None, :] * reach_m
@@ -87,15 +87,15 @@ class Rays:
     """Triangles in one pose, in a scene that rays are traced in."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, backend: Backend) -> None:
-        """A scene of triangles (F, 3) of vertices (V, 3) m."""
+        """A scene of triangles (F, 3) of vertices (V, 3) [m]."""
         self._mitsuba = mitsuba(backend)
         self._middle = vertices.mean(axis=0)
         mesh = mitsuba_mesh(self._mitsuba, vertices - self._middle, faces)
         self._scene = traceable(self._mitsuba, mesh)
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
-        """The surfaces that rays from (N, 3) m in unit directions (N, 3) meet first."""
-        if not len(origins):  # Dr.Jit has no arrays of nothing
+        """The surfaces that rays from (N, 3) [m] in unit directions (N, 3) meet first."""
+        if not len(origins):  # Dr.Jit has no empty arrays
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr
 
@@ -108,7 +108,7 @@ class Rays:
         return Hits(face, np.stack([1 - u - v, u, v], axis=1))
 
     def free(self, origins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Whether nothing lies between points (N, 3) and (N, 3) or one (3,) m, bool (N,)."""
+        """Whether nothing lies between points (N, 3) and (N, 3) or one (3,) [m], bool (N,)."""
         if not len(origins):
             return np.zeros(0, bool)
         path = ends - origins

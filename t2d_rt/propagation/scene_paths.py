@@ -22,15 +22,15 @@ from t2d_rt.types import Ellipsoids, MovingMesh, OneWayPath, Radar, Scene
 from t2d_rt.types.paths import points_in_scene
 
 MOST_INSIDE = 64
-"""Points of the targets that are asked whether they are in the room."""
+"""Approximate number of points of the targets that are tested for being in the room."""
 PROBE_RATE_HZ, PROBES = 5.0, 40
-"""Paths are searched to so many points of a target, so often."""
+"""Rate [Hz] and approximate number of the points of a target to which paths are searched."""
 
 
 def probes(
     geometries: Sequence[MovingMesh | Ellipsoids], start_s: float, stop_s: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points of the targets over the record, (P, 3) m, and when they are there, (P,) s."""
+    """Points of the targets over the record [m], (P, 3), and when they are there [s], (P,)."""
     times = sample_times(start_s, stop_s, PROBE_RATE_HZ)
     places, when_s = [], []
     for geometry in geometries:
@@ -68,7 +68,7 @@ def radar_paths(
     along: Along | None = None,
 ) -> RadarPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar, which may move `along` a track, and
-    any of points (Q, 3) m."""
+    any of points (Q, 3) [m]. Raises InputError for a radar within a slab or a piece of furniture."""
     if radar.track is not None and along is None:
         raise ValueError("paths of a radar that moves are searched along its track, got none; give along")
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)
@@ -89,7 +89,7 @@ def radar_paths(
 
 
 def polarization(radar: Radar, angle_deg: float) -> np.ndarray:
-    """Unit vector (3,) of a linear polarisation in the world."""
+    """Unit vector (3,) in the world of a linear polarisation at an angle from the radar's up axis towards its left axis."""
     angle = math.radians(angle_deg)
     return np.asarray(np.array([0.0, math.sin(angle), math.cos(angle)]) @ radar.axes)
 
@@ -124,14 +124,14 @@ class Unblocked:
     """The fraction of the field over a path that the static scene leaves, as a function of times."""
 
     samples_s: np.ndarray
-    """(S,)."""
+    """Sample times [s], (S,)."""
     at_samples: np.ndarray
-    """The fractions at these, (S, N) or (S, 1)."""
+    """The fractions at these times, (S, N) or (S, 1)."""
     count: int
-    """N."""
+    """Number N of points."""
 
     def __call__(self, times_s: np.ndarray) -> np.ndarray:
-        """The fractions (K, N) at times [s] (K,)."""
+        """The fractions (K, N) at times (K,) [s]."""
         fraction = between_samples(times_s, self.samples_s, self.at_samples.__getitem__)
         return np.broadcast_to(fraction, (len(times_s), self.count))
 

@@ -34,7 +34,7 @@ MAX_ELEMENTS = 100_000
 MAX_DEPTH = 30
 MAX_INCLUDES = MAX_PARAMETERS = 20
 MAX_VALUE = 4096
-"""Characters of an attribute once its parameters are filled in, which may hold one another."""
+"""Greatest number of characters of an attribute once its parameters are filled in, which may hold one another."""
 
 
 class _BoundedTree(TreeBuilder):
@@ -45,7 +45,7 @@ class _BoundedTree(TreeBuilder):
         self._file, self._depth = file, 0
 
     def start(self, tag: str, attrs: dict[str, str], /) -> Element:
-        """Counts an element that begins, and how deep it lies."""
+        """Counts an element that begins, and how deep it lies; raises InputError for too many or too deep ones."""
         self._depth += 1
         self._file.elements += 1
         if self._depth > MAX_DEPTH or self._file.elements > MAX_ELEMENTS:
@@ -60,7 +60,7 @@ class _BoundedTree(TreeBuilder):
         return super().end(tag)
 
     def doctype(self, *_: object) -> None:
-        """Refused before the entities that it declares are read."""
+        """Refuses a document type before the entities that it declares are read."""
         raise InputError("it has a document type (<!DOCTYPE), which no scene needs; delete it")
 
 
@@ -75,7 +75,7 @@ class SceneFile:
     includes: int = 0
 
     def inside(self, name: str | None) -> Path:
-        """Path of a file that the scene names, symbolic links followed; it must lie in the scene's folder or below."""
+        """Path of a file that the scene names, links followed; raises InputError if it is not in the scene's folder or below."""
         home = self.path.resolve().parent
         try:
             path = (home / (name or "")).resolve()
@@ -92,11 +92,11 @@ class SceneFile:
         return path
 
     def read(self) -> list[Element]:
-        """What <scene> holds, parameters filled in and includes in place of their element."""
+        """The elements of <scene>, with parameters filled in, and with the elements of included files in place of <include>."""
         return list(self._read(self.path))
 
     def _read(self, path: Path) -> Iterator[Element]:
-        """The elements of one file, those of the files that it includes in their place."""
+        """The elements of one file, with those of the files that it includes in their place."""
         root = self._tree(read_bytes(path, limit=MAX_XML_BYTES, noun="scene file"))
         if root.tag != "scene":
             raise InputError(
@@ -115,7 +115,7 @@ class SceneFile:
                 yield element
 
     def _tree(self, data: bytes) -> Element:
-        """The root of an XML text. No document type, whose entities could grow without bound or name other files."""
+        """The root of an XML text, which may have no document type: entities could grow without bound or name other files."""
         parser = ElementTree.XMLParser(target=_BoundedTree(self))
         try:
             parser.feed(data)
@@ -126,7 +126,7 @@ class SceneFile:
             raise InputError(f"it is not XML ({error}); give a Mitsuba XML file") from None
 
     def _define(self, name: str, value: str) -> None:
-        """Takes a <default>, whose value $name stands for from here on."""
+        """Takes a <default>, for whose value $name stands from here on."""
         if not name or len(value) > MAX_VALUE or len(self.parameters) >= MAX_PARAMETERS:
             raise InputError(
                 f"it has a <default> without a name, of more than {MAX_VALUE} characters, or more than {MAX_PARAMETERS} of them; "
@@ -157,7 +157,7 @@ NUMBERS = "0123456789+-.eE"
 
 
 def to_world(transform: Element | None) -> np.ndarray:
-    """The matrix (4, 4) of a <transform>: its steps one after another, the identity for None."""
+    """The matrix (4, 4) of a <transform>, its steps one after another; the identity for None. Raises InputError if not affine."""
     steps = {"translate": _translate, "scale": _scale, "rotate": _rotate, "matrix": _matrix, "lookat": _lookat}
     matrix = np.eye(4)
     for step in [] if transform is None else transform:
@@ -179,7 +179,7 @@ def moved(vertices: np.ndarray, matrix: np.ndarray) -> np.ndarray:
 
 
 def numbers(text: str | None, *counts: int) -> list[float]:
-    """Finite numbers of an attribute, parted by spaces or commas: as many as one of the counts says."""
+    """Finite numbers of an attribute, separated by spaces or commas; raises InputError if their count is none of `counts`."""
     words = (text or "").replace(",", " ").split()
     try:
         if len(words) not in counts or not set("".join(words)) <= set(NUMBERS):
@@ -214,7 +214,7 @@ def _scale(step: Element) -> np.ndarray:
 
 
 def _rotate(step: Element) -> np.ndarray:
-    """About an axis, whose length does not count, by an angle in degrees (Rodrigues)."""
+    """The rotation (4, 4) about an axis, whose length does not count, by an angle in degrees (Rodrigues' formula)."""
     axis, angle = _vector(step, 0.0, others=("angle",)), math.radians(numbers(step.get("angle"), 1)[0])
     length = np.linalg.norm(axis)
     if not length:
@@ -237,7 +237,7 @@ def _matrix(step: Element) -> np.ndarray:
 
 
 def _lookat(step: Element) -> np.ndarray:
-    """z of the shape towards the target, y as far up as may be."""
+    """The matrix (4, 4) that turns the shape's z towards the target and its y as far up as may be, and moves it to `origin`."""
     origin, target, up = (np.array(numbers(step.get(name), 3)) for name in ("origin", "target", "up"))
     ahead = target - origin
     left = np.cross(up, ahead)
@@ -251,14 +251,14 @@ def _lookat(step: Element) -> np.ndarray:
 
 _PICTURE = "integrator sensor emitter film sampler rfilter texture medium phase volume spectrum rgb"
 PICTURE = frozenset(_PICTURE.split())
-"""Elements that only a picture needs: left out unread."""
+"""Elements that only a picture needs, which are left out unread."""
 NORMALS = frozenset({"face_normals", "flip_normals", "flip_tex_coords"})
 """Switches of a shape that change neither its place nor its form; surfaces reflect from both sides."""
 OWN_VALUES = ("relative_permittivity", "conductivity")
 """Numbers of a radio material."""
 FILES = {"ply": ".ply", "obj": ".obj"}
 DEFAULT_THICKNESS_M = 0.1
-"""Sionna's."""
+"""Thickness [m] of a material that gives none, as in Sionna RT."""
 CUBE: Mesh = (
     np.array([(x, y, z) for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)]),
     np.array([
@@ -266,7 +266,7 @@ CUBE: Mesh = (
         (1, 5, 7), (1, 7, 3),
     ]),
 )  # fmt: skip
-"""Mitsuba's, from -1 to 1."""
+"""Mitsuba's cube, from -1 to 1."""
 
 
 @dataclass(slots=True)
@@ -280,7 +280,7 @@ class Shapes:
     bytes_left: int = MAX_MESH_BYTES
     triangles_left: int = MAX_TRIANGLES
     known: dict[bytes, tuple[str | Material, float]] = field(default_factory=dict)
-    """Materials that were read before."""
+    """Materials that were read before, by their text."""
 
     def material(self, shape: Element, name: str) -> tuple[str | Material, float]:
         """Material of a shape of that name and its thickness [m]."""
@@ -341,7 +341,7 @@ class Shapes:
 
 
 def properties(element: Element, allowed: dict[str, set[str] | frozenset[str]]) -> dict[str, Element]:
-    """Properties of an element by name; those of each kind that are `allowed`."""
+    """Properties of an element by name; raises InputError for others than those of each kind that are `allowed`."""
     named: dict[str, Element] = {}
     for child in element:
         if child.tag in PICTURE | {"bsdf", "ref"}:
@@ -355,8 +355,7 @@ def properties(element: Element, allowed: dict[str, set[str] | frozenset[str]]) 
 
 
 def material_of(bsdf: Element, substitutes: Mapping[str, str | Material]) -> tuple[str | Material, float]:
-    """An ITU name or values, and the thickness [m], of a <bsdf> as Sionna RT takes it; what stands for one of that name, by its id
-    or by its ITU name, in its place.
+    """ITU name or values, and thickness [m], of a <bsdf> as Sionna RT takes it, or the substitute for its id or its ITU name.
 
     One whose id begins with itu_ or mat-itu_ is an ITU material whatever its type, as exporters of pictures write it.
     """
@@ -439,9 +438,9 @@ def load_scene(
 
     Surfaces keep their ITU materials, whose values follow from the radar's frequency, and their thickness; a custom radio material
     keeps its values. `materials` are substitutes by name, as {"brick": "concrete"}, for what ITU-R P.2040 has no values for at that
-    frequency or does not know at all. With a `frequency_hz` materials without values there are told before any mesh is read.
-    Of a mesh (.obj, .ply, .glb) materials are those of its objects, by their names, and `units` and `up` its axes', as
-    `scene_from_mesh` has them.
+    frequency or does not know at all. With a `frequency_hz` [Hz], materials without values there are refused before any mesh of an
+    XML file is read. For a mesh of a room (.obj, .ply, .glb) `materials`, `units` and `up` are as in `scene_from_mesh`. Raises
+    InputError for a scene that cannot be read.
     """
     if str(source).lower().endswith(MESHES):
         scene = scene_from_mesh(source, materials=materials, units=units, up=up)
@@ -462,7 +461,7 @@ def load_scene(
 
 
 def _path(source: str | Path) -> Path:
-    """The file of a scene that is named or given by its path; an InputError tells what there is."""
+    """The file of a scene that is named or given by its path; raises an InputError that tells what there is."""
     path = file_path("scene", source)
     if isinstance(source, str) and source in scene_names():
         return resource("scenes", source) / f"{source}.xml"

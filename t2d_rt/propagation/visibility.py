@@ -25,27 +25,27 @@ from t2d_rt.propagation.rays import LIFT_M, columns, mitsuba, scene_of_instants
 from t2d_rt.types import MovingMesh, OneWayPath
 
 FEW_PLACES = 4
-"""From more viewpoints than that, images in a room's walls, about all faces of a body are seen."""
+"""Number of viewpoints, such as images in a room's walls, beyond which about all faces of a body are seen from some of them."""
 
 Unblocked = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Fraction of the field at points (K, V, 3) and times (K,) that the static scene does not block."""
+"""Function that gives the fraction of the field at points (K, V, 3) [m] and times (K,) [s] that the static scene does not block."""
 
 
 def sample_times(start_s: float, stop_s: float, rate_hz: float) -> np.ndarray:
-    """Instants [s] at which visibility is sampled."""
+    """Times [s] at which visibility is sampled, uniform, (S,)."""
     return np.linspace(start_s, stop_s, max(2, int(np.ceil((stop_s - start_s) * rate_hz)) + 1))
 
 
 def viewpoints_at(places_m: Sequence[np.ndarray]) -> list[OneWayPath]:
-    """Lines of sight from places (3,) m as viewpoints, of which the polarisation does not count."""
+    """Lines of sight from places (3,) [m] as viewpoints, of which the polarisation does not count."""
     return [OneWayPath.line_of_sight(place, np.array([0.0, 0.0, 1.0])) for place in places_m]
 
 
 def between_samples(
     times_s: np.ndarray, samples_s: np.ndarray, at_samples: Callable[[np.ndarray], np.ndarray]
 ) -> np.ndarray:
-    """Values (K, N) at any times from those at sample times, whose numbers `at_samples` takes: smooth steps from one to the
-    next."""
+    """Values (K, N) at any times (K,) [s] from those at sample times (S,) [s], whose numbers `at_samples` takes: smooth steps from
+    one to the next."""
     position = np.interp(times_s, samples_s, np.arange(len(samples_s)))
     before = np.minimum(position.astype(int), len(samples_s) - 2)
     u = (position - before)[:, None].astype(np.float32)
@@ -87,7 +87,7 @@ class Viewpoints:
     def __init__(
         self, meshes: Occluders, samples_s: np.ndarray, backend: Backend, *, wavelength_m: float | None
     ) -> None:
-        """Viewpoints of waves that long; None where shadows that meshes cast on one another are hard."""
+        """`samples_s` (S,) are the sample times [s]. Without a wavelength [m], shadows that meshes cast on one another are hard."""
         self.meshes, self.samples_s, self.backend, self.wavelength_m = meshes, samples_s, backend, wavelength_m
         self._references: list[ref[Occlusion]] = []
 
@@ -97,23 +97,23 @@ class Viewpoints:
         return [occlusion for occlusion in (reference() for reference in self._references) if occlusion is not None]
 
     def add(self, viewpoint: Occlusion) -> None:
-        """Takes a place along in each scene from now on, for as long as something else holds it."""
+        """Traces visibility from this viewpoint as well from now on, for as long as something else holds it."""
         self._references.append(ref(viewpoint))
 
     def traced(self, occlusions: Sequence[Occlusion], times_s: np.ndarray) -> list[np.ndarray]:
-        """Visibility from these at just these times, float32 (K, all vertices); at most as many as stand in one scene."""
+        """Visibility from these at just these times (K,) [s], at most as many as one scene holds, float32 (K, all vertices)."""
         chunk = self._chunk(times_s)
         return [occlusion.fractions(occlusion.sampled(chunk), 1) for occlusion in occlusions]
 
     @cached_property
     def at_once(self) -> int:
-        """Sample times of a chunk, known once all viewpoints are: fewer where there are many of these, so that what is held for all
-        of them fits memory."""
+        """Number of sample times of a chunk, known once all viewpoints are: fewer where there are many of these, so that what is
+        held for all of them fits memory."""
         of_one = SAMPLE_BYTES * self.meshes.point_count * len(self.occlusions)
         return int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.meshes.copies))
 
     def drop_but(self, chunks: range) -> None:
-        """Drops other chunks, those of all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
+        """Drops the chunks of all viewpoints but these: echoes may be summed in several parts, each from some of the viewpoints
         alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
         if any(number not in chunks for occlusion in self.occlusions for number in occlusion.chunks):
             for occlusion in self.occlusions:
@@ -176,12 +176,12 @@ class Occlusion:
         backend: Backend,
         wavelength_m: float | None,
     ) -> Occlusion:
-        """Visibility from the only viewpoint, sampled at these times [s]."""
+        """Visibility from the only viewpoint, sampled at these times (S,) [s]."""
         return cls(Viewpoints(meshes, samples_s, backend, wavelength_m=wavelength_m), viewpoint)
 
     def visibility(self, times_s: np.ndarray, path_count: int = 1) -> list[np.ndarray]:
-        """Fractions in 0..1 at times [s] (K,), one float32 array (K, V) for each mesh: its vertices, those of its subdivision
-        too.
+        """Visibility at times (K,) [s], up to some 1.4 beside an edge: one float32 array (K, V) for each mesh, for its vertices and
+        those of its subdivision.
 
         `path_count` one-way paths, 1 or 2, share what arrives: the fractions are those over all of them.
         """
@@ -231,14 +231,14 @@ class Occlusion:
         return front, visible
 
     def fractions(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
-        """Visibility where so many one-way paths share it, float32 (K, all vertices)."""
+        """Visibility where `path_count` one-way paths share it, float32 (K, all vertices)."""
         if path_count not in sampled.fractions:
             sampled.fractions[path_count] = self._beyond(sampled, path_count)
         return sampled.fractions[path_count]
 
     def _beyond(self, sampled: VisibilitySamples, path_count: int) -> np.ndarray:
-        """What is visible times what is unblocked, over so many paths, float32 (K, all vertices), with vertices beyond the horizon
-        filled in."""
+        """What is visible times what is unblocked, over `path_count` paths, float32 (K, all vertices), with vertices beyond the
+        horizon filled in."""
         if sampled.front is None or sampled.visible is None:
             return sampled.unblocked**path_count
         front, visibility = sampled.front, (sampled.visible * sampled.unblocked) ** path_count
@@ -256,10 +256,10 @@ class Occlusion:
         return np.asarray((carried @ self._unblocked(at.points[:, marks], at.times_s).T).T)
 
     def visible(self, at: PosedOccluders, front: np.ndarray, scene: OccluderScene) -> np.ndarray:
-        """Whether points of the meshes are visible from here, of those that face it, bool (K, Q); none of the others is.
+        """Which of the points of the meshes that face the viewpoint are visible from it, bool (K, Q); none of the others is.
 
         Points that the subdivision adds to bodies are traced beside the edges of shadows alone: elsewhere they are as the vertices
-        about them. A shadow narrower than these lie apart would be missed.
+        about them. A shadow narrower than the distance of these vertices would be missed.
         """
         always = front & self._meshes.are_vertices if self._meshes.of_bodies else front
         seen_paths = self.viewpoint.seen_at(at.times_s)
@@ -290,15 +290,15 @@ class ExactVisibility:
         own: int = 0,
         wavelength_m: float | None,
     ) -> None:
-        """Of facets of the occluder of number `own`; the others cast hard shadows on these where there is no wavelength."""
+        """The facets are those of the occluder of number `own`; without a wavelength [m] the others cast hard shadows on them."""
         self._occluders, self._own, self._wavelength_m = Occluders(occluders), own, wavelength_m
         self._viewpoint, self._backend = viewpoint, backend
         self._mitsuba = mitsuba(backend)
         self._last: tuple[bytes, tuple[MeshesAlone, list[_Obstacles]]] | None = None
 
     def fraction(self, times_s: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-        """Of vertices (K, V, 3) m of triangles (F, 3) at times [s] (K,), float32 (K, V): 1 where they are visible, else 0, near
-        the outlines of other meshes the field beside these."""
+        """Visibility, float32 (K, V), of vertices (K, V, 3) [m] of triangles (F, 3) at times (K,) [s]: 1 where they are visible or
+        face away, else 0, near the outlines of other meshes the amplitude of the field beside these."""
         fresh = np.zeros(len(times_s), bool)
         last = -np.inf
         for number, time_s in enumerate(times_s):
@@ -348,12 +348,12 @@ class _Obstacles:
     mitsuba: Any
     scene: Any
     shift_m: np.ndarray
-    """Where the viewpoint, the last of its images, lies in the scene, beside the meshes of each instant (K, 1, 3)."""
+    """Where the viewpoint, the last of its images, lies in the scene beside the meshes of each instant [m], (K, 1, 3)."""
     viewpoint: OneWayPath
 
     @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-        """Whether segments from `candidates` among points (K, Q, 3) of given normals to the viewpoint are free, bool (K, Q)."""
+        """Whether segments from `candidates` among points (K, Q, 3) with unit normals to the viewpoint are free, bool (K, Q)."""
         import drjit as dr
 
         visible = np.zeros(candidates.shape, bool)
@@ -369,7 +369,7 @@ class _Obstacles:
         return visible
 
     def _free(self, start: Any, shift: Any) -> Any:
-        """Whether nothing is met from points relative to the last image, on one straight part after another back to the antenna."""
+        """Whether rays from points relative to the last image meet nothing, over one straight part after another to the antenna."""
         import drjit as dr
 
         mi, places, free = self.mitsuba, images(self.viewpoint), self.mitsuba.Bool(True)
@@ -395,7 +395,7 @@ class _Obstacles:
 
 
 class OccluderScene:
-    """The meshes at some instants: one scene, in which visibility is traced from many places."""
+    """The meshes at some instants in one scene, in which visibility is traced from many places."""
 
     def __init__(
         self,
@@ -406,7 +406,7 @@ class OccluderScene:
         *,
         parts: np.ndarray | None = None,
     ) -> None:
-        """`vertices` (K, V, 3) m at up to 64 instants; `parts` are the faces that count at each, bool (K, F), all by default."""
+        """`vertices` (K, V, 3) [m] at up to 64 instants; `parts` are the faces that count at each, bool (K, F), by default all."""
         faces = occluders.faces + vertices.shape[1] * np.arange(len(vertices))[:, None, None]
         faces = faces if parts is None else faces[parts]
         self._middle = vertices.reshape(-1, 3).mean(axis=0)
@@ -422,8 +422,8 @@ class OccluderScene:
         normals: np.ndarray,
         candidates: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Whether points (K, Q, 3) of given normals on the meshes are visible from what was `seen_at` the instants, bool (K, Q):
-        of the `candidates`, bool (K, Q), by default all; none of the others is."""
+        """Which points (K, Q, 3) [m] with unit normals (K, Q, 3) on the meshes are visible over the paths `seen_at` the instants,
+        bool (K, Q): of the `candidates`, bool (K, Q), by default all; none of the others is."""
         candidates = np.ones(points.shape[:2], bool) if candidates is None else candidates
         visible = []
         for viewpoint, at in zip(seen_paths, instants_of(seen_paths), strict=True):
