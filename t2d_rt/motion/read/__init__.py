@@ -1,4 +1,4 @@
-"""Files and arrays -> `Motion`: units, axes, floor and T-pose are found from the body, reported, open to override."""
+"""Read motions from files and arrays: units, axes, floor and T-pose are found from the body, reported, and open to override."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ KNOWN = "bvh", "gz", "glb", "npy", "npz", "c3d", "trc", "csv", "json", "txt", "a
 """Endings that readers of other packages may not take."""
 
 SHORT_S = 0.1
-"""Below, a file holds no movement that could be seen: a tenth of a step, four windows of a spectrogram of 25 ms."""
+"""Duration below which a file holds no movement that could be seen [s]: a fifth of a step, four windows of a spectrogram."""
 
 __all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "load_motions", "motion_from_joints"]
 
@@ -60,8 +60,8 @@ def load_motion(
     The format is told from suffix and content: BVH (.bvh, .bvh.gz), animated glTF (.glb), HumanML3D joints and vectors (.npy,
     .npz), AMASS, smplx, Kimodo, and joints by name or in the order of a camera or estimator (.npz, .npy), DeepMimic, OpenPose and
     MediaPipe (.json), NTU RGB+D (.skeleton), ASF/AMC (.amc), C3D (.c3d, extra [c3d]), TRC (.trc), Xsens (.mvnx), Motive and plain
-    tables (.csv). Positions alone get rotations, and joints that lack are filled.
-    Everything left None is detected and told in `Motion.report`.
+    tables (.csv). Positions alone get rotations, and missing joints are filled.
+    Everything left None is detected and told in `Motion.report`. Raises an InputError if the file cannot be read as a motion.
 
     units: length of the file's unit in metres, or its name: m, cm, mm, inch, ft, dm or cmu.
     up: the file's upward axis, such as "y" or "-z", or a vector in its axes; "file" is the axis that is found. Left out, a motion
@@ -75,7 +75,7 @@ def load_motion(
     rate_hz: frames per second, instead of the file's own.
     root: "feet" carries the body to where planted feet stay, in files whose hips never move (exports in place, treadmills, joints
         about the hips), which are warned of; "file" leaves it.
-    subject: name of the person who is taken of a file that holds several; left out, the first who is complete.
+    subject: name of the person who is taken from a file that holds several; left out, the first who is complete.
     """
     path = file_path("path", path)
     reading = Reading(units, up, floor, drop_tpose, smooth_hz, flavour, rate_hz, subject, root)
@@ -133,11 +133,12 @@ def load_motions(
     flavour: str | None = None,
     rate_hz: float | None = None,
 ) -> dict[str, Motion]:
-    """Everybody whom a file holds, by name: in one capture's coordinates and on one clock, so that they keep their places to one
+    """Motions of all persons in a file, by name, in one set of coordinates and on one clock, so that they keep their places to one
     another (`place_together` puts them before the radar).
 
-    Unit, axis and floor are the same for all, as the first has them, and options are those of `load_motion`. What not all have is
-    cut away. Who is not complete is left out, with a warning. A motion of a file with one person has the name "1".
+    All have the same unit, the axis of the first and the lowest of their floors; the options are those of `load_motion`. Times at
+    which not all are seen are cut away. An incomplete person is left out, with a warning. A single person has the name "1".
+    Raises an InputError if nobody is complete, if units differ, or if they are never seen together.
     """
     path = file_path("path", path)
     reading = Reading(units, up or "file", floor, None, smooth_hz, flavour, rate_hz)
@@ -198,13 +199,13 @@ def _together(people: dict[str, Found]) -> dict[str, Motion]:
 
 
 def _reader(path: Path) -> EntryPoint | None:
-    """The reader of another package for files of that ending, where there is one."""
+    """The reader of another package for files of that ending, None if there is none."""
     ending = path.suffix.lower().removeprefix(".")
     return None if ending in KNOWN else plugins("readers", KNOWN).get(ending)
 
 
 def _read_by(reader: EntryPoint, path: Path, reading: Reading) -> Motion:
-    """The motion that a reader of another package makes, by itself."""
+    """The motion that a reader of another package makes; raises an InputError if it fails or if options were given."""
     if reading != Reading():
         raise InputError(
             f"options of reading are not those of {reader.name} files, which another package reads; leave them out"
@@ -237,7 +238,7 @@ def _timed(read: Callable[[], Tracks], arrays: Arrays) -> Tracks:
 
 
 SUFFIXES = ".npy", ".npz", ".c3d", ".trc", ".csv", ".mvnx", ".skeleton", ".json", ".txt", ".amc"
-"""Endings of files but BVH and GLB."""
+"""Endings of all other files than BVH and GLB."""
 
 
 def _people(path: Path, reading: Reading) -> People:

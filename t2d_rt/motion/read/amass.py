@@ -1,8 +1,8 @@
-"""AMASS .npz -> tracks: axis-angle poses of SMPL's skeleton (SMPL-H, SMPL-X and kin), root translation, z up or y up.
+"""Read AMASS .npz files: axis-angle poses of SMPL's skeleton (SMPL-H, SMPL-X and kin), root translation, z up or y up.
 
-The file holds no joints: they come of a body model that may not be shipped. Here forward kinematics runs over the mean body's
-skeleton in SMPL's rest pose (arms level to the sides, y up, facing z). All rotations are the file's; lengths are scaled together to
-the stature at which planted feet slide least, where the person walks.
+The file holds no joints: they come from a body model that may not be shipped. Forward kinematics runs over the mean body's
+skeleton in SMPL's rest pose (arms level to the sides, y up, facing z). All rotations are the file's; if the person walks, lengths
+are scaled together to the stature at which planted feet slide least.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ STATURE_M = 1.70
 MOVED = ("trans", "transl")
 ROOT = ("root_orient", "global_orient")
 BODY = ("pose_body", "body_pose")
-"""What AMASS and what smplx call the root's way, its turn and the rotations of the 21 joints behind it."""
+"""Names in AMASS and in smplx of the root's track, of its rotation, and of the rotations of the other 21 joints."""
 
 OF_SMPL = ("global_orient", *BODY, "betas", "mocap_framerate", "mocap_frame_rate")
-"""Names that tell rotations from joints where the root's way lacks."""
+"""Names that show that a file without the root's track holds rotations and not joints."""
 
 BODY_ANGLES = 66
-"""Axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow."""
+"""Numbers in the axis-angle vectors of the 22 canonical joints; hands, jaw and eyes follow."""
 FORMS = {66: "AMASS", 72: "AMASS (SMPL)", 156: "AMASS (SMPL-H)", 165: "AMASS (SMPL-X)"}
-"""What is read, by how many numbers a frame has; other numbers are those of matrices and the like."""
+"""The form of a file by how many numbers a frame has; other counts are those of matrices and the like."""
 
 OFFSETS: dict[str, tuple[float, float, float]] = {
     name: (sign * x, y, z)
@@ -45,17 +45,17 @@ OFFSETS: dict[str, tuple[float, float, float]] = {
 """Offsets of joints from their parents in SMPL's rest pose, in statures."""
 
 LOW_M = 0.04
-"""Height above its own lowest in which a foot counts as planted."""
+"""Height above the 5th percentile of its own up to which a foot counts as planted [m]."""
 SLOW_MPS = 0.5
-"""Its speed there, at most."""
+"""Greatest speed of a planted foot [m/s]."""
 SCALES = (0.8, 1.25)
 
 CALIBRATION_FRAMES = 5
-"""At the start, which a calibration pose may take."""
+"""Frames at the start that may hold a calibration pose."""
 
 
 def read_amass(arrays: Arrays) -> Tracks:
-    """The body's 22 joints and the hands' ends."""
+    """Tracks of the body's 22 joints and of the hands' ends; raises an InputError if an array is missing or has a wrong shape."""
     poses = _vectors(arrays, "poses", *FORMS) if "poses" in arrays else _joined(arrays)
     travel = arrays.first(*MOVED)
     if travel is None:
@@ -77,7 +77,7 @@ def read_amass(arrays: Arrays) -> Tracks:
     turned = _orientations(rows[:, 3:].reshape(len(poses), -1, 3))
     _tell_of_zeros(poses[:, 3:BODY_ANGLES])
     about = _forward(turned)
-    # A lying body rests on a floor along z as well: another axis must keep the lowest joint's level better.
+    # A lying body rests on a floor along z as well: another axis must keep the level of the lowest joint clearly better.
     up = stance_axis({name: moved + STATURE_M * point for name, point in about.items()}, "z", margin=0.01)
     stature, stature_source = _stature(about, moved, rate_hz, up)
     points = {name: moved + stature * point for name, point in about.items()}
@@ -112,7 +112,7 @@ def _joined(arrays: Arrays) -> np.ndarray:
 
 
 def _vectors(arrays: Arrays, name: str, *widths: int) -> np.ndarray:
-    """Axis-angle vectors (T, N) of (T, N) or (T, N / 3, 3), N one of `widths`; an InputError where they are none."""
+    """Axis-angle vectors (T, N) from (T, N) or (T, N / 3, 3), with N one of `widths`; raises an InputError for others."""
     vectors = arrays.samples(name, (2, 3, 4))
     flat = vectors.reshape(len(vectors), -1)
     if flat.shape[1] not in widths or vectors.ndim == 4 or (vectors.ndim == 3 and vectors.shape[2] != 3):
@@ -136,7 +136,7 @@ def _orientations(vectors: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Joints about the pelvis (T, 3), in statures."""
+    """Positions (T, 3) of the joints relative to the pelvis, over stature."""
     about = {"pelvis": np.zeros((len(turned["pelvis"]), 3))}
     for name, parent in PARENT_OF.items():
         if parent is not None and name in OFFSETS:
@@ -147,8 +147,8 @@ def _forward(turned: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, axis: Up = "z") -> tuple[float, str]:
     """Stature [m] at which planted feet slide least, and how it was found.
 
-    The speed of a foot is v_root + stature v_about, none while it is planted: the median of the statures that the components of
-    each low and slow foot's speed ask for.
+    The velocity of a foot is v_root + stature v_about, which is 0 while it is planted: the result is the median of the statures
+    that follow from the components of the velocity of each low and slow foot.
     """
     up, sign = "xyz".index(axis[-1]), -1.0 if axis[0] == "-" else 1.0
     level = [k for k in range(3) if k != up]
@@ -165,7 +165,7 @@ def _stature(about: dict[str, np.ndarray], moved: np.ndarray, rate_hz: float, ax
         rows.append((np.diff(about[name], axis=0)[:, level] * rate_hz)[planted])
         root_velocities.append(-root[planted])
     slope, target = np.concatenate(rows).ravel(), np.concatenate(root_velocities).ravel()
-    # A median, and of fast components only: a foot that rolls or slips gives an outlier, a slow one noise over noise.
+    # The median resists outliers of feet that roll or slip; slow components are left out, as they give noise over noise.
     strong = np.abs(slope) > 0.25
     if np.count_nonzero(strong) < 20:
         return STATURE_M, "assumed"

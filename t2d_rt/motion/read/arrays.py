@@ -1,4 +1,4 @@
-"""NumPy's .npy and .npz files, read with care: no pickles, no more bytes than the limit, whatever a header promises."""
+"""Read NumPy's .npy and .npz files with care: no pickles, and no more bytes than the limit, whatever a header promises."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_ARRAYS = 200
 
 @dataclass(frozen=True, slots=True)
 class Arrays:
-    """Arrays of a file by name, decoded when asked for; that of a .npy has no name."""
+    """Arrays of a file by name, decoded when asked for; that of a .npy has the name ""."""
 
     path: Path
     texts: Mapping[str, bytes | np.ndarray]
@@ -42,7 +42,7 @@ class Arrays:
         return next((name for name in names if name in self.texts), None)
 
     def get(self, name: str) -> np.ndarray:
-        """An array; an InputError where it holds Python objects or is damaged."""
+        """An array by name; raises an InputError if it holds Python objects or is damaged."""
         text = self.texts[name]
         return text if isinstance(text, np.ndarray) else _decoded(text, f"{self.path}{f': {name}' if name else ''}")
 
@@ -51,7 +51,7 @@ class Arrays:
         return samples_of(self.get(name), f"{self.path}: {name or 'the array'}", dims)
 
     def scalar(self, *names: str) -> float | None:
-        """A number by the first of its names that is there."""
+        """A number by the first of its names that is there, None without; raises an InputError if it is not one finite number."""
         name = self.first(*names)
         if name is None:
             return None
@@ -64,7 +64,7 @@ class Arrays:
 
 
 def read_arrays(path: Path) -> Arrays:
-    """All arrays of a .npy or .npz file, not yet decoded."""
+    """All arrays of a .npy or .npz file, not yet decoded; raises an InputError if the file is neither or is damaged."""
     data = read_bytes(path, limit=MAX_BYTES, noun="array file")
     if not data:
         raise InputError(f"{path} is empty; expected arrays saved by numpy")
@@ -114,8 +114,8 @@ def _decoded(text: bytes, what: str) -> np.ndarray:
 
 
 def samples_of(values: Any, what: str, dims: tuple[int, ...]) -> np.ndarray:
-    """Real numbers as float64 of one of some numbers of dimensions, NaN where they are absurd; leading dimensions of 1 too many are
-    dropped."""
+    """Real numbers as float64, NaN where they are absurd; surplus leading dimensions of 1 are dropped. Raises an InputError if the
+    number of dimensions is then not among `dims`."""
     if not (np.issubdtype(values.dtype, np.floating) or np.issubdtype(values.dtype, np.integer)):
         hint = "; a radar's samples are no motion, load_recording reads them" if np.iscomplexobj(values) else ""
         raise InputError(f"{what} must hold real numbers, got {shown(values)}{hint}")

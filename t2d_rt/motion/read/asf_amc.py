@@ -1,8 +1,8 @@
-"""Acclaim's pair of .asf (skeleton) and .amc (motion), as the CMU database gives them -> tracks.
+"""Read Acclaim's pairs of .asf (skeleton) and .amc (motion), as the CMU database has them.
 
 The .asf names each bone with a direction in the world, a length, an axis (Euler angles of the frame in which its angles turn) and
 the order of its angles; the .amc gives the root's place and all angles per frame. A bone's global rotation is its parent's times
-C M C^-1, C of the axis and M of the angles, the first named applied first, and its end lies at R direction length.
+C M C^-1, with C of the axis and M of the angles (the first named is applied first), and its end lies at R direction length.
 Lengths are inches times the file's `length` scale: CMU's unit is 1/0.45 inch. An .amc has no frame rate; CMU's are 120 Hz,
 a few 60.
 """
@@ -32,10 +32,10 @@ MAX_BYTES = 150_000_000
 ROOT = "root"
 
 ENDS: Mapping[str, tuple[str, str]] = tables()["acclaim"]
-"""Canonical joint -> the bone that ends there, and the bone that turns with it."""
+"""For each canonical joint: the bone that ends there, and the bone that turns with it."""
 
 COLLAR = 0.2
-"""Where along the clavicle the canonical collar lies: all clavicles start in the middle."""
+"""Fraction of the clavicle at which the canonical collar lies, because clavicles start in the middle of the body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +45,9 @@ class Bone:
     direction: np.ndarray
     length: float
     axis: np.ndarray
-    """Rotation C of the bone's frame, x, y, z, w."""
+    """Rotation C of the bone's frame, a quaternion x, y, z, w."""
     angles: tuple[str, ...]
-    """What the .amc gives for it, such as rx, ry."""
+    """Names of the values that the .amc gives for it, such as rx, ry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,13 +56,16 @@ class Skeleton:
 
     bones: dict[str, Bone]
     parents: dict[str, str]
-    """Bones but the root, parents before children."""
+    """Parents of all bones but the root, in an order in which parents precede children."""
     unit_m: float
     degrees: bool
 
 
 def read_asf_amc(path: Path) -> Tracks:
-    """An .amc with the .asf beside it: of the same name, of the name up to `_` (01_02.amc, 01.asf), or the only one."""
+    """Tracks of an .amc with the .asf beside it: of the same name, of the name up to `_` (01_02.amc, 01.asf), or the only one.
+
+    Raises an InputError if there is no such skeleton, or if one of the files cannot be read.
+    """
     skeleton_path = _skeleton_beside(path)
     skeleton = read_asf(skeleton_path)
     values, lost = _frames(path, skeleton)
@@ -110,7 +113,7 @@ def _skeleton_beside(path: Path) -> Path:
 
 
 def read_asf(path: Path) -> Skeleton:
-    """The skeleton of an .asf file."""
+    """The skeleton of an .asf file; raises an InputError if it is not whole."""
     sections = _sections(_text(path, 1_000_000, "ASF file"))
     try:
         units = {line[0].lower(): line[1] for line in sections["units"]}
@@ -138,7 +141,7 @@ def _text(path: Path, limit: int, noun: str) -> str:
 
 
 def _sections(text: str) -> dict[str, list[list[str]]]:
-    """Words of the lines under each `:keyword`; those behind it on its own line come first."""
+    """Words of the lines under each `:keyword`; those that follow it on its own line come first."""
     sections: dict[str, list[list[str]]] = {}
     lines: list[list[str]] = []
     for line in text.splitlines():
@@ -196,7 +199,7 @@ def _numbers(words: list[str]) -> np.ndarray:
 
 
 def _euler(order: str, angles: np.ndarray, degrees: bool) -> np.ndarray:
-    """Rotation of three angles about the fixed axes x, y, z in an order such as XYZ, the first named first."""
+    """Quaternion (4,) of rotations by three angles about fixed axes, in an order such as XYZ, the first named applied first."""
     if sorted(order.lower()) != ["x", "y", "z"] or len(angles) != 3:
         raise ValueError(order)
     total = np.array([0.0, 0.0, 0.0, 1.0])
@@ -211,7 +214,7 @@ def _parents(lines: list[list[str]]) -> dict[str, str]:
         if words[0].lower() in ("begin", "end"):
             continue
         for child in words[1:]:
-            # A child of what is not yet there, or one twice, would make a loop.
+            # A child of a bone that is not yet there, or one that is named twice, would make a loop.
             if child in parents or child == ROOT or (words[0] != ROOT and words[0] not in parents):
                 raise ValueError(child)
             parents[child] = words[0]
@@ -222,7 +225,7 @@ def _parents(lines: list[list[str]]) -> dict[str, str]:
 
 
 def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Values (T, angles) of every bone that has any, and which frames (T,) lack some."""
+    """Values (T, angles) of every bone that has any, and a mask (T,) of the frames that lack some."""
     widths = {name: len(bone.angles) for name, bone in skeleton.bones.items() if bone.angles}
     rows: dict[str, list[list[str]]] = {name: [] for name in widths}
     numbers: list[int] = []
@@ -263,7 +266,7 @@ def _frames(path: Path, skeleton: Skeleton) -> tuple[dict[str, np.ndarray], np.n
 
 
 def _numbered(table: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-    """Rows (T, C) at their frames' numbers, NaN for those that are skipped; as they follow where the numbers do not ascend."""
+    """Rows (T, C) at their frames' numbers, NaN for skipped ones; unchanged if the numbers do not ascend or skip too many."""
     place = numbers - numbers[0]
     if not (np.diff(numbers) > 0).all() or place[-1] >= min(2 * len(table), MAX_FRAMES):
         return table
@@ -275,7 +278,7 @@ def _numbered(table: np.ndarray, numbers: np.ndarray) -> np.ndarray:
 def _forward(
     skeleton: Skeleton, values: dict[str, np.ndarray]
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
-    """Global rotations (T, 4) and ends (T, 3) of all bones, and the root's place."""
+    """Global rotations (T, 4) and ends (T, 3) of all bones, and the root's track (T, 3), in the file's unit."""
     root = skeleton.bones[ROOT]
     frames = len(values[ROOT])
     place = np.zeros((frames, 3))
@@ -292,7 +295,7 @@ def _forward(
 
 
 def _turned(bone: Bone, values: np.ndarray | None, frames: int) -> np.ndarray:
-    """C M C^-1 of a bone (T, 4)."""
+    """Rotations C M C^-1 (T, 4) of a bone against its parent."""
     moved = np.tile([0.0, 0.0, 0.0, 1.0], (frames, 1))
     for column, angle in enumerate(bone.angles):
         if angle.startswith("r") and values is not None:

@@ -1,7 +1,7 @@
-"""Bones with their places and turns in the world, as inertial suits and Motive export them -> tracks.
+"""Read bones with positions and orientations in the world, as inertial suits (MVNX) and Motive (CSV) export them.
 
-Such files name bones by a table that skeletons.yaml has (Xsens' segments, Motive's own names or those of FBX), and tell of each
-where its joint to the bone above lies and how it is turned.
+Their names are in skeletons.yaml (Xsens' segments, Motive's own names or those of FBX). Such files give the position of each bone's
+joint to the bone above, and the bone's orientation.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from t2d_rt.motion.skeletons import canonical, nearest_flavour
 MAX_BYTES = 250_000_000
 
 Bones = Mapping[str, np.ndarray]
-"""Place and turn of each bone, (T, 7): x, y, z and a quaternion x, y, z, w, or (T, 3) without turns."""
+"""Position and orientation (T, 7) of each bone: x, y, z and a quaternion x, y, z, w; without orientations (T, 3)."""
 
 
 def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
-    """Tracks of one person's bones by the flavour of their names; an InputError where they lack some."""
+    """Tracks of one person's bones by the flavour of their names; raises an InputError if bones are missing."""
     flavour, absent = nearest_flavour(tuple(bones))
     if absent:
         raise InputError(
@@ -50,7 +50,7 @@ def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
     values = rows.reshape(len(rows), len(bones), -1)
     has_turns = values.shape[2] == 7
     turned = values[..., 3:] if has_turns else np.broadcast_to([0.0, 0.0, 0.0, 1.0], (len(rows), len(bones), 4))
-    # Files write four digits or more.
+    # Files write quaternions with four digits or more.
     if not np.abs(np.linalg.norm(turned, axis=-1) - 1).max() < 0.05:
         raise InputError(f"{form}: rotations must be unit quaternions; the file is of another kind or damaged")
     points, turns = canonical(list(bones), flavour, values[..., :3], normalise(turned))
@@ -62,7 +62,7 @@ def of_bones(form: str, bones: Bones, rate_hz: float) -> Tracks:
 
 
 def read_mvnx(path: Path) -> People:
-    """The frames of type normal of all subjects; poses of calibration before them are left out."""
+    """The subjects of an MVNX file, from frames of type normal; the calibration poses before them are left out."""
     data = read_bytes(path, limit=MAX_BYTES, noun="MVNX file")
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise InputError(f"{path} has a document type (<!DOCTYPE), which no MVNX file needs; delete it")
@@ -96,7 +96,7 @@ def read_mvnx(path: Path) -> People:
 
 
 def _segments(frame: ElementTree.Element, count: int) -> np.ndarray:
-    """Places and turns x, y, z, w of all segments in a frame, (N, 7)."""
+    """Positions and quaternions x, y, z, w of all segments in a frame, (N, 7)."""
     texts = {child.tag.rpartition("}")[2]: child.text or "" for child in frame}
     if not {"position", "orientation"} <= texts.keys():
         raise InputError("its frames lack position or orientation; export both, of all segments")
@@ -127,7 +127,7 @@ COLUMN = re.compile(r"(.+?)[ _.:-]*([xyz])(?:[ _]*[(\[]?(?:m|cm|mm)[)\]]?)?", re
 
 
 def read_csv(path: Path) -> People:
-    """Bones or markers of a CSV file of Motive, or the points of a plain table."""
+    """The subjects of a CSV file: bones or markers that Motive exported, or the points of a plain table."""
     text = read_bytes(path, limit=100_000_000, noun="CSV file").decode("utf-8-sig", "replace")
     first = text.partition("\n")[0]
     mark = max(",;\t", key=first.count)
@@ -212,7 +212,7 @@ def _motive(rows: list[list[str]], path: Path) -> People:
 
 
 def _hip(name: str, names: Mapping[str, object]) -> str:
-    """A bone's name; the root of a skeleton, which may be called as the skeleton is, is its Hip."""
+    """A bone's name; the root of a skeleton, which may have the skeleton's name, is called its Hip."""
     space, _, bone_name = name.rpartition(":")
     called_so = bone_name == space if space else any(other.startswith(f"{name}:") for other in names)
     return f"{space or name}:Hip" if called_so else name
@@ -221,7 +221,7 @@ def _hip(name: str, names: Mapping[str, object]) -> str:
 def _of_motive(
     places: Mapping[str, Mapping[str, Mapping[str, int]]], table: np.ndarray, path: Path, about: Mapping[str, Any]
 ) -> People:
-    """The subjects by their bones, else by their markers; `about`: fields of `Tracks` that all have in common."""
+    """The subjects by their bones, else by their markers; `about` are fields of `Tracks` that all have in common."""
     bones = {name: at for name, at in places.get("bone", {}).items() if {"PX", "PY", "PZ"} <= at.keys()}
     if bones:
         turned = all({"RX", "RY", "RZ", "RW"} <= at.keys() for at in bones.values())
@@ -245,12 +245,12 @@ def _of_motive(
 
 
 def _lacking(names: Sequence[str]) -> list[str]:
-    """Which bones are absent of the nearest flavour."""
+    """Bones of the nearest flavour that are absent."""
     return nearest_flavour(names)[1]
 
 
 def _of_motive_subject(bones: Bones, about: Mapping[str, Any], euler: bool, labels: Labels) -> Tracks:
-    """The subject whose bones have these labels; `euler`: whether the file turns them by Euler angles."""
+    """The subject whose bones have these labels; `euler` says whether the file has Euler angles for them."""
     tracks = of_bones("Motive", {name: bones[label] for name, label in labels.items()}, about["rate_hz"])
     clauses = ["its Euler angles are left out; export quaternions to keep rotations"] if euler else []
     return replace(tracks, **about).saying(*clauses)

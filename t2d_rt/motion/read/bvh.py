@@ -1,4 +1,4 @@
-"""BVH text -> a raw skeleton in time, in the file's own units and axes.
+"""Read BVH text as a raw skeleton in time, in the file's own units and axes.
 
 Grammar: HIERARCHY with ROOT/JOINT/End Site blocks (OFFSET, CHANNELS), then MOTION with Frames, Frame Time and one row
 of channel values per frame (Biovision; Meredith and Maddock 2001). Joint names may hold spaces, any joint may have
@@ -32,15 +32,15 @@ MAX_JOINTS = 1000
 """Joints and end sites; a body with all fingers and a face has 150."""
 
 MAX_FRAMES = 100_000
-"""28 minutes at 60 Hz; with all copies that the reader makes a frame takes up to 10 kB and, smoothed, 0.1 ms."""
+"""Most frames, 28 minutes at 60 Hz; with all copies that the reader makes a frame takes up to 10 kB and, smoothed, 0.1 ms."""
 
 MAX_VALUES = 10_000_000
-"""MAX_FRAMES of 100 channels."""
+"""Most values: those of MAX_FRAMES frames of 100 channels."""
 
 BLOCK_BYTES = 1_000_000
-"""Of the MOTION's text whose words are lists at a time: as Python objects they take five times as much."""
+"""Bytes of the MOTION's text that are split into words at a time: as Python objects, words take five times as much memory."""
 BLOCK_FRAMES = 1024
-"""Frames whose kinematics are found at a time: what is in work stays in the processor's cache."""
+"""Frames whose kinematics are computed at a time, so that the arrays stay in the processor's cache."""
 
 CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
 
@@ -48,28 +48,28 @@ MOTION = re.compile(rb"(?i)(?:\A|[\r\n])[ \t]*MOTION[ \t]*(?=[\r\n]|\Z)")
 WHITESPACE = re.compile(rb"\s")
 LINE = re.compile(rb"\s*([^\r\n]{0,200})")
 TOKEN = re.compile(rb"[{}]|[^{}\r\n]+")
-"""Of the HIERARCHY: a brace, or a line as far as the next one. Bytes, for in text U+0085 would be a line end too."""
+"""A brace of the HIERARCHY, or a line up to the next brace. It matches bytes, because in text U+0085 would be a line end too."""
 
 
 @dataclass(frozen=True, slots=True)
 class RawSkeleton:
-    """A BVH file as it stands: joints and end sites (named `<parent>:end`), parents before children; of several ROOTs each tree."""
+    """A BVH file as it stands: joints and end sites (named `<parent>:end`), parents before children, of all ROOTs in turn."""
 
     names: tuple[str, ...]
     parents: tuple[int, ...]
     offsets: np.ndarray
     """Offsets from the parents in the file's unit, (N, 3)."""
     channels: tuple[tuple[str, ...], ...]
-    """Channel names of each joint, lower case."""
+    """Channel names of each joint in lower case."""
     values: np.ndarray
-    """Channel values, (T, C), lengths in the file's unit, angles in degrees."""
+    """Channel values (T, C), with lengths in the file's unit and angles in degrees."""
     rate_hz: float
     lost: np.ndarray
-    """Frames (T,) that hold no pose; their values repeat those before."""
+    """Mask (T,) of frames that hold no pose; their values repeat those before."""
 
 
 def read_bvh(path: str | Path) -> RawSkeleton:
-    """Read a .bvh or .bvh.gz file (the suffix in any case)."""
+    """Read a .bvh or .bvh.gz file (the suffix in any case); raises an InputError if it is damaged or too large."""
     text = _read_text(path)
     names, parents, offsets, channels = _hierarchy(text, path)
     values, rate_hz = _motion(text, sum(map(len, channels)), path)
@@ -83,7 +83,7 @@ def forward_kinematics(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions (T, N, 3) in the file's unit and global orientations (T, N, 4); `offsets` (N, 3) replace the file's.
 
-    only: joints whose tracks are wanted; those of fingers and faces would take most of the time, and are left undefined.
+    only: indices of the joints whose tracks are wanted; others may be left undefined, as fingers and faces take most of the time.
     """
     offsets = raw.offsets if offsets is None else offsets
     frames, count = len(raw.values), len(raw.names)
@@ -115,8 +115,8 @@ def _with_ancestors(joints: Collection[int], parents: tuple[int, ...]) -> set[in
 
 
 def _rotations(channels: list[tuple[str, ...]], firsts: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Rotations (4, N, T) of joints against their parents, components first: about the axes of their channels, whose first columns
-    (N,) of the values (T, C) these are, in turn."""
+    """Rotations (4, N, T) of joints against their parents, components first: those about the axes of their channels, in turn;
+    `firsts` (N,) are the first columns of each joint in the values (T, C)."""
     rotations = np.zeros((4, len(channels), len(values)))
     rotations[3] = 1.0
     for kinds in set(channels):
@@ -144,8 +144,8 @@ def _translation(channels: tuple[str, ...], values: np.ndarray, offset: np.ndarr
     if placed:
         moved = moved.copy()
         positions = values[:, [i for i, channel in enumerate(channels) if channel.endswith("position")]]
-        # By the format positions add to the offset, but many writers give the whole offset again. Somebody who walks far comes
-        # nearest to the truth in some frame: shifts start from nothing, whole offsets never fall to nothing.
+        # By the format positions add to the offset, but many writers give the whole offset again. The frame that comes nearest to
+        # 0 or to the offset tells them apart, even if somebody walks far: shifts start near 0, whole offsets near the offset.
         from_offset, from_zero = (np.linalg.norm(positions - start, axis=-1).min() for start in (offset[placed], 0.0))
         repeats_offset = from_offset <= from_zero
         moved[:, placed] = positions if repeats_offset else positions + offset[placed]
@@ -170,7 +170,7 @@ def _read_text(path: str | Path) -> bytes:
 
 
 def _numbers(words: list[bytes], what: str, path: str | Path, *, lacking: bool = False) -> np.ndarray:
-    """Numbers; those that lack, where any may, are NaN."""
+    """The numbers that words stand for; absurd ones become NaN where some may be `lacking`, and else raise an InputError."""
     try:
         numbers = np.array(words, dtype=float)
     except ValueError:
@@ -205,7 +205,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
     offsets: dict[int, np.ndarray] = {}
     channels: dict[int, tuple[str, ...]] = {}
     stack: list[int] = []
-    opens = False  # a joint is named and its brace is to come
+    opens = False  # a joint is named and its brace is yet to come
     body_names: set[str] = set()
     for token in _tokens(text, path):
         word, _, rest = token.replace(b"\t", b" ").partition(b" ")
@@ -214,7 +214,7 @@ def _hierarchy(text: bytes, path: str | Path) -> tuple[list[str], list[int], lis
             if opens or (keyword == b"ROOT") != (not stack):
                 raise InputError(f"{path}: expected a ROOT that holds every joint, found {_shown(token)} out of place")
             if keyword == b"ROOT":
-                body_names = set()  # of one body; another may have the same
+                body_names = set()  # names differ within one body; another may have the same
             name = f"{names[stack[-1]]}:end" if keyword == b"END" else _text(rest)
             if not name or name in body_names:
                 raise InputError(
@@ -284,7 +284,7 @@ def _motion(text: bytes, channel_count: int, path: str | Path) -> tuple[np.ndarr
     header: list[bytes] = []
     for expected_label in (b"frames", b"frame time"):
         line = LINE.match(text, start)
-        assert line is not None  # of an empty text too
+        assert line is not None  # the pattern matches an empty text too
         label, _, value = line[1].partition(b":")
         if b" ".join(label.lower().split()) != expected_label:
             raise InputError(
@@ -310,7 +310,7 @@ def _values(text: bytes, start: int, frames: int, channel_count: int, path: str 
             f"{path}: {frames} frames of {channel_count} channels are too many, {MAX_FRAMES} frames and {MAX_VALUES} values "
             "are read at most; cut the motion into shorter files"
         )
-    # A value takes two characters: what a small file promises needs no memory.
+    # A value takes two characters or more: a small file that promises many values gets no memory for them.
     values = np.empty(expected if 2 * expected <= len(text) else 0)
     count, more = 0, ""
     for words, whole in _blocks(text, start, path):

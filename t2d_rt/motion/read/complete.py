@@ -1,7 +1,7 @@
-"""Canonical joints that a set of joints lacks, put where an average adult has them.
+"""Fill in canonical joints that a set of joints lacks, at the places where an average adult has them.
 
-Proportions are those of the shipped adult body, in its trunk (middle of the hips to middle of the shoulders): the trunk follows the
-person's own, so that what is filled moves with hips and shoulders.
+Proportions are those of the shipped adult body, relative to its trunk (middle of the hips to middle of the shoulders). They are
+laid along the person's own trunk, so that filled joints move with hips and shoulders.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from t2d_rt.geometry.vectors import median_length, unit
 
 HEAD = np.array([0.08, 0.0, 0.22])
-"""From the neck to the head's joint at the base of the skull."""
+"""Vector (ahead, left, up) from the neck to the head's joint at the base of the skull, over the trunk's length."""
 SPINE = {"pelvis": 0.0, "spine1": 0.25, "spine2": 0.5, "spine3": 0.75, "neck": 1.0}
-"""Heights of the spine's joints between pelvis and neck."""
+"""Heights of the spine's joints, as fractions of the way from pelvis to neck."""
 
 FOOT_AHEAD, FOOT_DOWN = 0.07, 0.035
-"""Ball of the foot from the ankle, in statures."""
+"""Distance of the ball of the foot ahead of and below the ankle, over stature."""
 
 
 def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -38,7 +38,7 @@ def complete(points: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], list
     at.setdefault("pelvis", hips + 0.12 * axes[..., 2])
     at.setdefault("neck", shoulders + axes @ np.array([-0.03, 0.0, 0.21]))
     if "head" in at:
-        # Sources mean the base, the middle or the top of the skull by it: its direction holds, its distance is the canonical one.
+        # Sources put it at the base, the middle or the top of the skull: its direction is kept, its distance is made canonical.
         up = at["head"] - at["neck"]
         at["head"] = at["neck"] + np.linalg.norm(HEAD) * trunk * unit(up)
         clauses.append("head at the base of the skull")
@@ -65,7 +65,7 @@ def _axes(at: dict[str, np.ndarray], up: np.ndarray) -> np.ndarray:
 
 
 def add_level_feet(points: dict[str, np.ndarray], tall_m: float) -> list[str]:
-    """Balls of feet that lack (z up, metres): level where the ankle is low and the shank upright, else square to the shank."""
+    """Adds missing balls of feet (z up, metres): level with a low ankle and an upright shank, else perpendicular to the shank."""
     filled = [f"{side}_foot" for side in ("left", "right") if f"{side}_foot" not in points]
     left = points["left_hip"] - points["right_hip"]
     for name in filled:

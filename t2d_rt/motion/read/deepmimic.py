@@ -1,4 +1,4 @@
-"""DeepMimic's motions (JSON with "Frames") -> tracks.
+"""Read DeepMimic's motions (JSON with "Frames").
 
 A frame is [duration, root position, root rotation, then the rotations of chest, neck, right hip, knee, ankle, shoulder, elbow,
 left hip, knee, ankle, shoulder, elbow]: quaternions w, x, y, z in the parents' frames, one angle about z for knees and elbows
@@ -27,22 +27,22 @@ WIDTH = 44
 Z = np.array([0.0, 0.0, 1.0])
 
 JOINTS: Mapping[str, tuple[str, list[float], int]] = tables()["humanoid3d_joints"]
-"""Joint -> its parent, its offset from there [m], and how many numbers its rotation has."""
+"""For each joint: its parent, its offset from there [m], and how many numbers its rotation has."""
 
 _stops = 8 + np.cumsum([size for *_, size in JOINTS.values()])
 COLUMNS = {
     name: slice(stop - size, stop) for (name, (*_, size)), stop in zip(JOINTS.items(), _stops.tolist(), strict=True)
 }
-"""Where in a frame the rotation of each joint stands."""
+"""Columns of a frame that hold the rotation of each joint."""
 
 QUATERNIONS = (slice(4, 8), *(columns for columns in COLUMNS.values() if columns.stop - columns.start == 4))
 
 ENDS: Mapping[str, tuple[str, list[float]]] = tables()["humanoid3d_ends"]
-"""Canonical joint that the humanoid lacks -> the joint that carries it and where."""
+"""For each canonical joint that the humanoid lacks: the joint that carries it, and its offset from there [m]."""
 
 
 def read_deepmimic(tree: dict[str, Any], path: Path) -> Tracks:
-    """Joints with the rotations of a JSON tree."""
+    """Tracks of the joints that a JSON tree describes; raises an InputError if it is no motion of DeepMimic."""
     frames, lost = _frames(tree["Frames"], path)
     steps = frames[:-1, 0] if len(frames) > 1 else frames[:, 0]
     if not (steps.min() >= SHORTEST_S and steps.max() <= LONGEST_S):
@@ -73,7 +73,7 @@ def read_deepmimic(tree: dict[str, Any], path: Path) -> Tracks:
 
 
 def _frames(rows: Any, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """All frames (T, 44), and which hold no pose, (T,)."""
+    """All frames (T, 44), and a mask (T,) of those that hold no pose."""
     if not isinstance(rows, list) or not rows:
         raise InputError(f'{path} has no list "Frames"; expected a DeepMimic motion of {WIDTH} numbers a frame')
     well_formed = all(
@@ -89,7 +89,7 @@ def _frames(rows: Any, path: Path) -> tuple[np.ndarray, np.ndarray]:
         )
     frames = np.array(rows, dtype=float)
     frames[:, 1:], lost = filled(frames[:, 1:], f"{path}", slice(3))
-    # The published kick deviates by 0.42, by linear interpolation.
+    # Quaternions of the published kick deviate by 0.42, because they were interpolated linearly.
     if not all((np.abs(np.linalg.norm(frames[:, columns], axis=-1) - 1) < 0.5).all() for columns in QUATERNIONS):
         raise InputError(
             f"{path}: rotations must be unit quaternions w, x, y, z; the file is of another character or damaged"

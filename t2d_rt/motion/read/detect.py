@@ -1,4 +1,4 @@
-"""What a file does not say is found from the body: unit, up axis, calibration pose, floor."""
+"""Find from the body what a file does not say: its unit, upward axis, calibration pose and floor."""
 
 from __future__ import annotations
 
@@ -25,34 +25,35 @@ CMU_STATURE_M = (1.1, 2.5)
 """Statures of CMU's adults at which the unit is found without doubt: neighbouring units (cm, inch, CMU) differ by 2.2 or more."""
 
 AUTO_STATURE_M = (0.6, 2.5)
-"""Statures of persons, from a baby that walks on; those at which a unit that a format prescribes is believed, too."""
+"""Statures of persons [m], from a baby that walks; within them a unit that a format prescribes is accepted too."""
 
 STATURE_M = (0.4, 3.0)
 """Statures accepted when the unit is given (a toddler ... a giant)."""
 
 AGES = ((0.455, 0.75), (0.485, 0.87), (0.51, 0.95), (0.535, 1.10), (0.558, 1.38), (0.57, 1.6))
-"""Thigh and shank over thigh, shank, trunk and neck, and stature [m]: of adults as in six recorded skeletons (0.54 to 0.61), of
-children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55, 0.53; adults 0.52)."""
+"""Thigh and shank over thigh, shank, trunk and neck, and the stature [m] at which it is usual: of adults as in six recorded
+skeletons (0.54 to 0.61), of children by the ratio of sitting height to stature at 1, 2, 3, 5 and 10 years (0.63, 0.60, 0.58, 0.55,
+0.53; adults 0.52)."""
 
 PROPORTION_SPREAD = 0.03
-"""Standard deviation of that fraction: persons, and where skeletons have hips and shoulders."""
+"""Standard deviation of that fraction among persons, and by where skeletons have hips and shoulders."""
 
 FLOOR_PERCENTILE = 2.0
-"""The floor is where the lowest foot joint is in the lowest 2 % of frames: robust to a bad frame, right for jumps."""
+"""Percentile of the lowest foot joint's height that is taken as the floor: robust to a bad frame, and right for jumps."""
 
 STILL = 1e-4
-"""Of the stature, by which no joint leaves its place about the pelvis in a pose that stays the same."""
+"""Part of the stature within which all joints keep their places about the pelvis in a pose that stays the same."""
 
 STRAIGHT = 0.94
 """Least cosine of the angle between a bone of an arm that is held out and the line across both shoulders, 20 degrees."""
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 GivenUp = Up | Literal["file"] | tuple[float, float, float]
-"""What a user says: an axis or any vector, or the file's own axis as it is found."""
+"""What a user may give: an axis or any vector, or "file" for the axis that is found."""
 
 
 def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units: bool = False) -> tuple[float, float]:
-    """Metres per unit and the stature [m] that follows; a warning where it is not certain.
+    """Metres per unit and the stature [m] that follows; warns if it is not certain, raises an InputError if no unit makes a person.
 
     cmu_units: whether CMU's unit is possible, which would turn a child in inches into a giant.
     """
@@ -80,7 +81,7 @@ def unit(points: dict[str, np.ndarray], units: float | str | None, *, cmu_units:
 
 
 def _cmu_unit(tall: float) -> str | None:
-    """Of all units the one that makes a body of `tall` units an adult of the most usual size."""
+    """The unit that makes a body of `tall` units an adult of the most usual size, None if it makes none."""
     if not tall > 0:
         return None
     away = {name: abs(math.log(tall * unit_m / 1.7)) for name, unit_m in UNITS_M.items() if name != "dm"}
@@ -89,7 +90,7 @@ def _cmu_unit(tall: float) -> str | None:
 
 
 def _likely_unit(points: dict[str, np.ndarray], tall: float) -> str | None:
-    """The likeliest usual unit by stature and proportions (Bayes' rule)."""
+    """The likeliest usual unit by stature and proportions (Bayes' rule), None if none makes a person."""
     possible = [name for name in (*USUAL, "dm") if AUTO_STATURE_M[0] <= tall * UNITS_M[name] <= AUTO_STATURE_M[1]]
     names = [name for name in possible if name != "dm"]
     if not names:
@@ -133,8 +134,8 @@ def _chance(stature: float, fraction: float) -> float:
 def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = None) -> Up:
     """The axis along which the head is above the ankles; y, BVH's usual one, unless another is clearly longer.
 
-    rest: the pose without rotations, points of shape (1, 3). Where it stands along another axis than the motion, somebody may lie
-    for most of the time; then that axis is taken along which the lowest joint keeps its level, for bodies rest on a floor.
+    rest: the pose without rotations, points of shape (1, 3). If it stands along another axis than the motion, somebody may lie
+    for most of the time; the axis is then the one along which the lowest joint keeps its level, because bodies rest on a floor.
     """
     moving = ankles_to_head(points)
     axis = _longest(np.median(moving, axis=0))
@@ -161,7 +162,7 @@ def up_axis(points: dict[str, np.ndarray], rest: dict[str, np.ndarray] | None = 
 def stance_axis(points: dict[str, np.ndarray], nominal: Up | None, *, margin: float = 0.0) -> Up:
     """The format's `nominal` upward axis, unless the body stands along another one, whose floor it keeps better.
 
-    margin: by how much better, in statures. One who keeps either floor and stands on the other axis's zero is a doubt.
+    margin: by how much better, over stature. If a body keeps either floor and stands at 0 of the other axis, a warning says so.
     """
     axis = up_axis(points)
     if nominal is None or axis == nominal:
@@ -183,12 +184,12 @@ def stance_axis(points: dict[str, np.ndarray], nominal: Up | None, *, margin: fl
 
 
 def ankles_to_head(points: dict[str, np.ndarray]) -> np.ndarray:
-    """From the ankles to the head, (T, 3)."""
+    """Vectors (T, 3) from the middle of the ankles to the head."""
     return points["head"] - middle(points, "ankle")
 
 
 def _is_a_stance(rest: dict[str, np.ndarray]) -> bool:
-    """Are legs and trunk on one line? (Many files have all bones along one axis without rotations.)"""
+    """Whether legs and trunk point in opposite directions: without rotations, many files have all bones along one axis."""
     hips, shoulders, ankles = (middle(rest, joint)[0] for joint in ("hip", "shoulder", "ankle"))
     legs, trunk = ankles - hips, shoulders - hips
     return float(legs @ trunk) < -0.9 * float(np.linalg.norm(legs) * np.linalg.norm(trunk))
@@ -204,13 +205,13 @@ def _along(up: Up) -> np.ndarray:
 
 
 def _standing_fraction(postures: np.ndarray, up: Up) -> float:
-    """Share of frames in which the body stands along an axis."""
+    """Part of the frames in which the body stands along an axis."""
     lengths = np.maximum(norms(postures), 1e-300)
     return float(np.mean(postures @ _along(up) / lengths > 0.8))
 
 
 def floor_spread(points: dict[str, np.ndarray], up: Up) -> float:
-    """How far the level of the lowest joint along an axis spreads (10th to 90th percentile); little, for bodies rest on a floor."""
+    """Spread of the level of the lowest joint along an axis (10th to 90th percentile); it is small, as bodies rest on a floor."""
     lowest = np.min([track @ _along(up) for track in points.values()], axis=0)
     low, high = np.percentile(lowest, [10, 90])
     return float(high - low)
@@ -222,7 +223,7 @@ def to_z_up(
     up: Up | tuple[float, float, float],
     unit_m: float,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Cyclic change of axes (proper rotation): y up becomes (z, x, y), a vector is likewise as the axis next to it; in metres."""
+    """Positions in metres and orientations, z up: a proper rotation makes (z, x, y) of y up; a vector is like its nearest axis."""
     z = _along(up) if isinstance(up, str) else vectors.unit(np.asarray(up, dtype=float))
     x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
     x = vectors.unit(x - (x @ z) * z)
@@ -233,7 +234,7 @@ def to_z_up(
 
 
 def add_feet(points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], tall_m: float) -> None:
-    """Balls of the feet where the file ends at the ankle, rigid on it."""
+    """Adds the balls of the feet, rigid on the ankles, where the file has none."""
     ahead = tall_m * (FOOT_AHEAD * facing(points) - FOOT_DOWN * np.array([0.0, 0.0, 1.0]))
     for side in ("left", "right"):
         if f"{side}_foot" not in points:
@@ -244,7 +245,7 @@ def add_feet(points: dict[str, np.ndarray], orientations: dict[str, np.ndarray],
 
 
 def tpose_frames(points: dict[str, np.ndarray]) -> int:
-    """Frames before a jump of the pose within the first five steps: a calibration pose put in front of the motion."""
+    """Number of frames before a jump of the pose within the first five steps: a calibration pose in front of the motion."""
     pose = np.stack(list(points.values()), axis=1)
     pose = pose - pose[:, :1]
     steps = norms(np.diff(pose, axis=0)).mean(axis=1)

@@ -1,7 +1,7 @@
-"""Animations of a .glb file (glTF 2.0, Khronos) -> a raw skeleton in time: metres, y up, the file's own interpolation.
+"""Read an animation of a .glb file (glTF 2.0, Khronos) as a raw skeleton in time: metres, y up, the file's own interpolation.
 
-The joints are those of its skins, else all nodes that are animated and what they carry. Where a node is at an instant follows from
-the product of the transforms above it; scales move joints and turn none of them.
+The joints are those of its skins, else all nodes that are animated and their children. The place of a node at an instant follows
+from the product of the transforms above it; scales move joints but do not turn them.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ JSON_CHUNK, BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 COMPONENTS: Mapping[int, tuple[str, float]] = {
     5120: ("<i1", 127.0), 5121: ("<u1", 255.0), 5122: ("<i2", 32767.0), 5123: ("<u2", 65535.0), 5126: ("<f4", 1.0),
 }  # fmt: skip
-"""Types of numbers, and what whole ones are divided by (glTF 2.0, 3.11)."""
+"""Types of numbers, and the number that integers are divided by (glTF 2.0, 3.11)."""
 DEFAULTS = {"translation": (0.0, 0.0, 0.0), "rotation": (0.0, 0.0, 0.0, 1.0), "scale": (1.0, 1.0, 1.0)}
 
 Curve = tuple[np.ndarray, np.ndarray, str]
-"""Times [s] (K,), values (K, 3 or 4), or (3 K, ...) of splines, and how to go from one to the next."""
+"""Times [s] (K,), values (K, 3 or 4), or (3 K, ...) of splines, and the name of the interpolation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +51,7 @@ class _Gltf:
         return objects
 
     def numbers(self, accessor: int) -> np.ndarray:
-        """The rows (K, N) of an accessor."""
+        """The rows (K, N) of an accessor; raises an InputError if it cannot be read."""
         try:
             entry = self.list("accessors")[accessor]
             view = self.list("bufferViews")[entry["bufferView"]]
@@ -77,7 +77,7 @@ class _Gltf:
 
 
 def read_gltf(path: Path) -> RawSkeleton:
-    """The joints of a .glb file in its first animation; a warning names the others."""
+    """The joints of a .glb file in its first animation; a warning names the others. Raises an InputError if it holds none."""
     file = _opened(path)
     nodes, animations = file.list("nodes"), file.list("animations")
     if not animations:
@@ -99,7 +99,7 @@ def read_gltf(path: Path) -> RawSkeleton:
             f"{path}: {len(times)} frames of {len(nodes)} nodes are too many; cut the motion, or export the bones alone"
         )
     matrices = _global(nodes, above, moved, times, path)
-    # Turns count from the pose at rest, as those of a BVH do.
+    # Rotations count from the rest pose, as in a BVH file.
     rest = _global(nodes, above, {}, times[:1], path)
     placed, turned = np.zeros((len(times), len(joints), 3)), np.zeros((len(times), len(joints), 4))
     for number, node in enumerate(joints):
@@ -128,14 +128,14 @@ def _opened(path: Path) -> _Gltf:
 
 
 def _list_of(numbers: Any, path: Path) -> list[Any]:
-    """Numbers of nodes."""
+    """The list of nodes' numbers; raises an InputError if it is none."""
     if not isinstance(numbers, list) or not all(type(number) is int for number in numbers):
         raise InputError(f"{path}: nodes must be listed by their numbers, got {shown(numbers)}; the file is damaged")
     return numbers
 
 
 def _parents(nodes: list[Any], path: Path) -> list[int]:
-    """Number of the node above each, -1 for none."""
+    """Number of the node above each node, -1 if there is none."""
     above = [-1] * len(nodes)
     for number, node in enumerate(nodes):
         for child in _list_of(node.get("children", []), path):
@@ -146,7 +146,7 @@ def _parents(nodes: list[Any], path: Path) -> list[int]:
 
 
 def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[int, str], Curve]:
-    """Keys by node and by what of it they move."""
+    """Curves by node and by the property that they move: translation, rotation or scale."""
     curves: dict[tuple[int, str], Curve] = {}
     try:
         for channel in animation["channels"]:
@@ -169,7 +169,7 @@ def _channels(file: _Gltf, animation: dict[str, Any], nodes: int) -> dict[tuple[
 
 
 def _clock(moved: Mapping[tuple[int, str], Curve], path: Path) -> tuple[np.ndarray, float]:
-    """Instants [s] from the first key to the last one and their rate, that of the keys that lie nearest."""
+    """Even instants [s] from the first key to the last one, and their rate [Hz], which is that of the closest keys."""
     instants = np.unique(np.concatenate([keys for keys, *_ in moved.values()]))
     steps = np.concatenate([np.diff(keys) for keys, *_ in moved.values()])
     if not len(steps):
@@ -221,7 +221,7 @@ def _global(
 
 
 def _local(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) -> np.ndarray:
-    """The transforms (T, 4, 4), or (1, 4, 4) where nothing moves it, of a node against the one above."""
+    """Transforms (T, 4, 4) of a node against the one above, or (1, 4, 4) if nothing moves it."""
     if "matrix" in node and not moved:
         return np.array(node["matrix"], float).reshape(1, 4, 4).swapaxes(1, 2)
     at = {
@@ -239,7 +239,7 @@ def _local(node: dict[str, Any], moved: Mapping[str, Curve], times: np.ndarray) 
 
 
 def _turn(matrices: np.ndarray) -> np.ndarray:
-    """Rotations (T, 4) of matrices (T, 3, 3) without their scales: columns made square to one another in turn."""
+    """Rotations (T, 4) of matrices (T, 3, 3) without their scales: the columns are made orthonormal in turn."""
     x, y = (matrices[..., k] for k in (0, 1))
     x = normalise(x)
     y = normalise(y - (y * x).sum(axis=-1, keepdims=True) * x)
@@ -247,7 +247,7 @@ def _turn(matrices: np.ndarray) -> np.ndarray:
 
 
 def _steps(keys: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The key before each instant, the one after, and the part (T, 1) of the way between."""
+    """Indices (T,) of the keys before and after each instant, and the fraction (T, 1) of the way between them."""
     after = np.clip(np.searchsorted(keys, times, side="right"), 1, max(len(keys) - 1, 1))
     before, after = after - 1, np.minimum(after, len(keys) - 1)
     gone = (times - keys[before]) / np.maximum(keys[after] - keys[before], 1e-12)
@@ -259,7 +259,7 @@ def _held(keys: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray
 
 
 def _linear(keys: np.ndarray, values: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """Straight on, rotations along the great circle (glTF 2.0, C.3 and C.4)."""
+    """Linear interpolation, of rotations along the great circle (glTF 2.0, C.3 and C.4)."""
     before, after, gone = _steps(keys, times)
     first, last = values[before], values[after]
     if values.shape[1] == 3:

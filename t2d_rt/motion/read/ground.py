@@ -1,4 +1,4 @@
-"""Which way gravity points, and where a person travels whose hips never move in the file: both from planted feet."""
+"""Find from planted feet which way gravity points, and where a person travels whose hips never move in the file."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from t2d_rt.motion.read.tracks import Tracks
 
 # --- which way gravity points, where a file does not keep to an axis: a tilted camera turns floor and body alike ---
 #
-# Two signs, both free of any axis: planted feet lie on the floor, and over time the centre of mass is above them
-# (else the body would fall). Along a walk the floor is seen to a fraction of a degree; across it, and where somebody
-# stays at one place, balance says it to 3 degrees. A ramp or stairs incline the feet's places as well, but there the
-# centre of mass stays above the feet along the file's own axis: such a floor is kept.
+# Two signs need no axis: planted feet lie on the floor, and over time the centre of mass is above them (else the body
+# would fall). Along a walk the floor is known to a fraction of a degree; across it, and where somebody stays at one
+# place, balance tells it to 3 degrees. On a ramp or stairs the feet's places rise as well, but there the centre of
+# mass stays above the feet along the file's own axis: such a floor is kept.
 
 
 WEIGHTS = (
@@ -34,12 +34,12 @@ shank (de Leva 1996)."""
 HEAD_FRACTION, TRUNK_FRACTION = 0.08, 1.0 - 0.08 - 2 * sum(part for *_, part in WEIGHTS)
 
 EXTENDED, NEAR = 0.85, 0.12
-"""Over the leg's length: of hip to ankle, at least, of a leg that carries, and by which its foot may be higher than the other."""
+"""Least distance from hip to ankle of a leg that carries, and greatest height of its foot over the other, over the leg's length."""
 UPRIGHT_LEG, UPRIGHT_TRUNK = 0.6, 0.5
-"""Cosines to the file's axis: of who stands, even where the camera is tilted by 35 degrees."""
+"""Least cosines to the file's axis of the leg and the trunk of a standing body, even if the camera is tilted by 35 degrees."""
 
 SLOW_MPS, SLOW_PART = 0.25, 0.35
-"""Speed of an ankle up to which its foot is planted, or that fraction of the hips' own in a run."""
+"""Speed of an ankle up to which its foot is planted [m/s], or that fraction of the hips' own if it is more, as in a run."""
 SMOOTH_S, SHORTEST_S = 0.1, 0.06
 """Time over which ankles are averaged for their speed, and the shortest contact."""
 
@@ -47,39 +47,39 @@ SPOT_M, BALANCE_RAD = 0.02, np.radians(2.5)
 """Standard deviations: of the height of a planted ankle above the floor, and of the direction from feet to centre of mass."""
 
 FEWEST_SPOTS, LEAST_RISE_M, LEAST_SLOPE_RAD, MOST_RESIDUAL = 4, 0.1, np.radians(1.75), 0.15
-"""From when on planted feet lie on an incline: so many of them, so far up, so steep, with a residual of at most that part of the
-rise. Of 144 sound recordings none is there; their floors are uneven, or drift by 8 cm over a walk."""
+"""Planted feet lie on an incline from this number, rise [m] and slope on, with a residual of at most the last part of the rise.
+None of 144 sound recordings reaches these limits; their floors are uneven, or drift by 8 cm over a walk."""
 
 LEAST_LEAN_RAD, LEAST_STANCE_S, LEAST_STANCE, LEVEL_M = np.radians(6.0), 1.5, 0.5, 0.03
-"""From when on balance alone tilts a file: so far, standing for so long and for such a part of the time that the trunk is upright,
-on feet that lie on a plane up to a residual."""
+"""Balance alone shows a tilt from this angle on, if the body stands for at least this time [s] and this part of the time in which
+the trunk is upright, on feet that lie on a plane within this residual [m]."""
 WALK_LEAN_RAD, WALK_M, WALK_STANCE, WALK_LEVEL_M = np.radians(3.0), 1.5, 0.6, 0.02
-"""Likewise for a walk that goes so far: left and right stance make up for one another, to 1.3 degrees in 70 walks."""
+"""The same for a walk of at least this extent [m]: left and right stance balance one another to 1.3 degrees in 70 walks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ground:
-    """What planted feet and balance say of a motion, z up."""
+    """The vertical and the floor of a motion, z up, that planted feet and balance show."""
 
     vertical: np.ndarray
-    """Unit vector (3,) that is upward by them."""
+    """Unit vector (3,) that points upward."""
     tilted: bool
     """Whether the file's axes are tilted against gravity; else a floor that inclines is real."""
     rise_m: float
-    """Greatest difference of the heights of planted feet."""
+    """Greatest difference of the heights of planted feet [m]."""
     residual_m: float
     """RMS distance of the feet from their plane [m]."""
 
     @property
     def angle_deg(self) -> float:
-        """From the file's axis to the vertical."""
+        """Angle between the file's axis and the vertical [degrees]."""
         return float(np.degrees(np.arccos(np.clip(self.vertical[2], -1.0, 1.0))))
 
 
 def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
-    """Tracks in metres, z up, turned so that gravity is down, and what feet and balance say against their axis.
+    """Tracks in metres, z up, turned so that gravity points down, and the ground that was found, None if it agrees with the axis.
 
-    up: what the user said. An axis or a vector is kept, with a warning where the motion is tilted against it; "file" without.
+    up: what the user gave. An axis or a vector is kept, with a warning if the motion is tilted against it; "file" is kept without.
     """
     floor = ground(tracks.points, tracks.rate_hz)
     if floor is None:
@@ -105,7 +105,7 @@ def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
 
 
 def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
-    """Vertical and floor by planted feet and balance; None where they agree with z, or where too little is seen."""
+    """Vertical and floor by planted feet and balance; None if they agree with z, or if too little is seen."""
     upright, leg = upright_trunk(points), leg_m(points)
     planted = planted_feet(points, rate_hz, upright, leg)
     balance, stance = _balance(points, planted, leg)
@@ -133,7 +133,7 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
     leans = steady and slope >= (WALK_LEAN_RAD if walks else LEAST_LEAN_RAD)
     if not inclined and not leans:
         return None
-    # A tilted camera is twice as usual as a floor of like incline.
+    # A tilted camera is twice as likely as a floor of the same incline.
     odds = np.log(2.0) + (np.sum((balance - z) ** 2) - np.sum((balance - vertical) ** 2)) / (2 * BALANCE_RAD**2)
     return Ground(vertical=vertical, tilted=bool(odds > 0), rise_m=rise, residual_m=residual)
 
@@ -141,8 +141,8 @@ def ground(points: dict[str, np.ndarray], rate_hz: float) -> Ground | None:
 def planted_feet(
     points: dict[str, np.ndarray], rate_hz: float, upright: np.ndarray, length: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Whether the left and right foot (T,) each carry a standing body, in any axes within 35 degrees of z up: one with an upright
-    trunk (T,), on legs of that length [m]."""
+    """Whether the left and the right foot (T,) carry a standing body that has an upright trunk (T,) and legs of the given length
+    [m]; the axes may be tilted by up to 35 degrees from z up."""
     width, hips = SMOOTH_S * rate_hz, middle(points, "hip")
     ankles = [averaged(points[f"{side}_ankle"], width) for side in ("left", "right")]
     legs = [points[f"{side}_hip"] - points[f"{side}_ankle"] for side in ("left", "right")]
@@ -164,12 +164,12 @@ def planted_feet(
 
 
 def upright_trunk(points: dict[str, np.ndarray]) -> np.ndarray:
-    """Whether the trunk is (T,)."""
+    """Whether the trunk is upright (T,)."""
     return np.asarray(unit(middle(points, "shoulder") - middle(points, "hip"))[:, 2] > UPRIGHT_TRUNK)
 
 
 def averaged(track: np.ndarray, frames: float) -> np.ndarray:
-    """Means of a track (T, N) over some frames, an odd number."""
+    """Moving average of a track (T, N) over about the given number of frames, made odd."""
     from scipy.ndimage import uniform_filter1d
 
     return np.asarray(uniform_filter1d(track, 2 * round(0.5 * min(frames, len(track))) + 1, axis=0, mode="nearest"))
@@ -182,8 +182,8 @@ def _speed(track: np.ndarray, rate_hz: float) -> np.ndarray:
 def _balance(
     points: dict[str, np.ndarray], planted: tuple[np.ndarray, np.ndarray], leg: float
 ) -> tuple[np.ndarray | None, int]:
-    """Mean direction (3,) from the feet that carry to the centre of mass, left and right stance counted the same, and over how many
-    frames."""
+    """Mean direction (3,) from the feet that carry to the centre of mass, with left and right stance counted the same, and the
+    number of frames that it is a mean of."""
     mass = HEAD_FRACTION * points["head"]
     for side in ("left", "right"):
         for upper, lower, at, part in WEIGHTS:
@@ -192,7 +192,7 @@ def _balance(
         mass = mass + 0.25 * TRUNK_FRACTION * (points[f"{side}_hip"] + points[f"{side}_shoulder"])
     up = mass - middle(points, "ankle")
     ahead = unit(vector_product(points["left_hip"] - points["right_hip"], up))
-    # A foot's load lies so far ahead of its ankle in the mean: balance is upright within 3 degrees in 70 walks.
+    # On average a foot's load lies this far ahead of its ankle: balance is then upright within 3 degrees in 70 walks.
     left, right = (mass - points[f"{side}_ankle"] - 0.06 * leg * ahead for side in ("left", "right"))
     both = planted[0] & planted[1]
     one = [vectors[flags & ~both] for vectors, flags in zip((left, right), planted, strict=True)]
@@ -206,7 +206,7 @@ def _balance(
 def _plane(spots: np.ndarray) -> tuple[np.ndarray, float]:
     """Normal (3,) of planted feet's places (N, 3), already levelled by balance, and their residual [m].
 
-    Least squares, places that lie off count less; the incline that balance leaves is 0 within `BALANCE_RAD`.
+    Outlying places count less in the least squares; the remaining incline has a prior of 0 with deviation `BALANCE_RAD`.
     """
     centred = spots - spots.mean(axis=0)
     terms = np.c_[centred[:, :2], np.ones(len(spots))]
@@ -223,13 +223,13 @@ def _plane(spots: np.ndarray) -> tuple[np.ndarray, float]:
 
 # --- files whose hips never move: exports in place, treadmills, pose estimators that give joints about the hips ---
 #
-# Where the body goes is then told by its planted feet, which stay on the floor.
+# The track of the body then follows from its planted feet, which stay on the floor.
 
 
 Root = Literal["file", "feet"]
 
 TIPS = 0.0, 0.6
-"""Where a foot may stand: on its ball, or on the tip of its toes, so far beyond the ball over the distance from ankle to ball."""
+"""Points on which a foot may stand, its ball and the tip of its toes: distance beyond the ball, over that from ankle to ball."""
 
 NEAR_M, FLIGHT_M = 0.005, 0.03
 """Height of a foot above the lower one up to which it may carry the body as well, and height of the lower one above its level from
@@ -239,15 +239,15 @@ SWAY_S, GROUND_SMOOTH_S = 1.0, 0.1
 """Time of a stride, over which sway is averaged away, and the time over which the velocity of the ground is smoothed."""
 
 LEAST_WALK_M, LEAST_MPS, STILL = 0.8, 0.3, 0.2
-"""Path and speed of the ground below planted feet from which on it is a walk, and the path of the hips over it up to which they
-stay; of 144 sound recordings one has hips that go less than 0.3 of it, a pirouette."""
+"""Least path [m] and speed [m/s] of the ground below planted feet in a walk, and the part of that path up to which hips count as
+staying in place; in one of 144 sound recordings, a pirouette, hips go less than 0.3 of it."""
 
 FIXED_M, LEAST_FEET_RISE_M = 0.002, 0.1
-"""Extent of hips that are fixed, and by how much feet below them rise and fall that carry a body in fact."""
+"""Extent below which hips are fixed [m], and rise and fall of the feet below them above which the body in fact moves [m]."""
 
 
 def rooted(tracks: Tracks, root: Root | None) -> Tracks:
-    """Tracks in metres, z up, feet and all; a warning where hips never move.
+    """Tracks in metres, z up, with feet; a warning says if the hips never move.
 
     root: "feet" carries the body to where planted feet stay; "file" leaves it where the file has it, and says nothing.
     """
@@ -286,7 +286,7 @@ def rooted(tracks: Tracks, root: Root | None) -> Tracks:
 
 
 def _upward(points: dict[str, np.ndarray], hips: np.ndarray) -> np.ndarray | None:
-    """The turn (4,) that raises a body above its feet; None where it is upright already, or bends."""
+    """Rotation (4,) that raises a body above its feet; None if it is upright already, lies, or bends."""
     axes = unit(hips - middle(points, "ankle"))
     axis = unit(axes.mean(axis=0))
     # A walker's axis keeps within 4 to 7 degrees; a kick, whose mean axis is no vertical, has 20.
@@ -304,9 +304,9 @@ def _fixed(track: np.ndarray) -> bool:
 
 
 def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Velocity (T, 2) at which a planted foot goes backward in the file, and the height (T,) of the lower one.
+    """Velocity (T, 2) [m/s] at which a planted foot goes backward in the file, and the height (T,) [m] of the lower foot.
 
-    Feet stand on that point of theirs below which the ground goes most steadily.
+    Feet stand on that one of the points `TIPS` below which the ground goes most steadily.
     """
     candidates = []
     for tip in TIPS:
@@ -316,7 +316,7 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
         height = averaged(feet[..., 2], 0.05 * rate_hz)
         lowest, frames = height.min(axis=1), np.arange(len(feet))
         backward = -np.gradient(feet, 1.0 / rate_hz, axis=0)[..., :2]
-        # Where both feet are low, that one carries which goes backward along the heading.
+        # Where both feet are low, the one that goes backward along the heading carries the body.
         heading = averaged(backward[frames, height.argmin(axis=1)], SWAY_S * rate_hz)
         along = np.where(height - lowest[:, None] < NEAR_M, inner(backward, heading[:, None]), -np.inf)
         ground = backward[frames, along.argmax(axis=1)]
@@ -332,5 +332,5 @@ def _ground_mps(points: dict[str, np.ndarray], rate_hz: float) -> tuple[np.ndarr
 
 
 def _path_m(velocity: np.ndarray, rate_hz: float) -> float:
-    """Length of the path without sway."""
+    """Length [m] of the path of a velocity (T, 2) [m/s] without sway."""
     return float(norms(averaged(velocity, SWAY_S * rate_hz)).sum() / rate_hz)

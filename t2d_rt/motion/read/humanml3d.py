@@ -1,4 +1,4 @@
-"""HumanML3D's joints (T, 22, 3) and vectors (T, 263) -> tracks.
+"""Read HumanML3D's joints (T, 22, 3) and vectors (T, 263).
 
 A vector holds, for one frame of 20 per second, y up, lengths in metres (Guo et al. 2022, Generating Diverse and Natural 3D Human
 Motions from Text): half the root's turn about y to the next frame, its step over the floor to the next frame in the next
@@ -28,7 +28,7 @@ _REST = "oo +x -x +y -y -y +y -y -y +y +z +z +y +x -x +z -y -y -y -y -y -y"
 _DIRECTIONS = {f"{sign}{axis}": float(f"{sign}1") * np.eye(3)["xyz".index(axis)] for sign in "+-" for axis in "xyz"}
 
 REFERENCE = np.array([_DIRECTIONS.get(word, np.zeros(3)) for word in _REST.split(" ")])
-"""Direction of the bone that ends at each joint, where its rotation is none."""
+"""Direction (22, 3) of the bone that ends at each joint, at zero rotation."""
 
 
 def decode(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -47,12 +47,12 @@ def decode(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def read_vectors(vectors: np.ndarray) -> Tracks:
-    """Vectors (T, 263) as tracks; refuses normalised ones.
+    """Vectors (T, 263) as tracks; raises an InputError for normalised ones.
 
     Orientations are found from positions: the 6D rotations are the least ones from one fixed direction per bone and hold no twist.
     """
     rows, lost = filled(vectors, "the HumanML3D vectors (T, 263)")
-    # Steps and turns add up: they are bridged before, however long, and long gaps are cut away afterwards.
+    # Steps and turns add up, so gaps of any length are bridged first, and long ones are cut away afterwards.
     vectors = spline(rows, lost)
     joints, directions, steps = decode(vectors)
     tracks = read_joints(joints)

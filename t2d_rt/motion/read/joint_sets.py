@@ -1,7 +1,7 @@
-"""Joints by name or by order, as cameras, pose estimators and data sets give them -> joints by canonical name.
+"""Find canonical joints among the joints of cameras, pose estimators and data sets, by their names or by their order.
 
 A name is split into its side and its part ("ShoulderLeft", "LShoulder", "left_shoulder", "right_upper_arm"), and each canonical
-joint takes the first part of its list that is there. What lacks is filled in `t2d_rt.motion.read.complete`.
+joint takes the first part of its list that is there. Missing joints are filled in by `t2d_rt.motion.read.complete`.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ ORDERS: Mapping[str, tuple[str, ...]] = {
 """Orders of joints in arrays that come without names."""
 
 LEAST_LIKELY = 0.25
-"""Score from which on an array in some order is no person; recordings stay under 0.1 in their own order."""
+"""`unlikeness` above which an array in some order is no person; recordings stay under 0.1 in their own order."""
 
 
 def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Canonical joint -> the names whose mean stands for it, for the joints that have any."""
+    """For each canonical joint that has any: the names of the joints whose mean stands for it."""
     if set(CANONICAL_JOINTS) <= set(names):
         return {joint: (joint,) for joint in PARENT_OF if joint in names}
     parts = {side_and_part(name): name for name in reversed(names)}
@@ -60,7 +60,7 @@ def canonical_sources(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
 
 
 def side_and_part(name: str) -> tuple[str, str]:
-    """Side, "left", "right" or none, and part of the body that a joint's name tells, in lower case."""
+    """The side ("left", "right" or "") and the part of the body that a joint's name tells, in lower case."""
     words = [word.lower() for word in re.findall(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+", name)]
     for side, rest in ((words[:1], words[1:]), (words[-1:], words[:-1])):
         if rest and side[0] in SIDES:
@@ -69,13 +69,13 @@ def side_and_part(name: str) -> tuple[str, str]:
 
 
 def absent_joints(names: Sequence[str]) -> list[str]:
-    """Canonical joints that nothing can stand in for and that names give none for."""
+    """Joints of `NEEDED` for which there is none among the names."""
     sources = canonical_sources(names)
     return [joint for joint in NEEDED if joint not in sources]
 
 
 def named_points(joints: np.ndarray, names: Sequence[str]) -> tuple[dict[str, np.ndarray], dict[str, tuple[str, ...]]]:
-    """Points (T, 3) by canonical name of joints (T, K, 3), and which names stand for which; refuses a set without limbs."""
+    """Points (T, 3) by canonical name of joints (T, K, 3), and which names stand for each; raises an InputError without limbs."""
     if len(set(names)) != len(names):
         raise InputError(
             f"the joints' names must differ, got {shown(max(names, key=list(names).count))} more than once"
@@ -93,10 +93,10 @@ def named_points(joints: np.ndarray, names: Sequence[str]) -> tuple[dict[str, np
 
 
 def likeliest_order(joints: np.ndarray) -> tuple[str | None, float]:
-    """The order in which joints (T, K, 3) make the likeliest person, None where they make none, and how unlike one they are."""
+    """The order in which joints (T, K, 3) make the likeliest person, None if they make none, and their `unlikeness` in it."""
     count = joints.shape[1]
     fitting = [order for order, names in ORDERS.items() if len(names) == count]
-    # SMPL-H and SMPL-X go on with fingers and faces after the body's 22.
+    # In SMPL-H and SMPL-X, fingers and faces follow the body's 22 joints.
     fitting += ["HumanML3D"] if count >= 45 else []
     scores = {}
     for order in fitting:
@@ -125,6 +125,6 @@ def unlikeness(points: Mapping[str, np.ndarray]) -> float:
     mean = lengths.mean(axis=-1)
     whole = max(float(mean.mean()), 1e-12)
     legs, arms = max(float(mean[:, :2].sum()), 1e-12), max(float(mean[:, 2:].sum()), 1e-12)
-    # 0.49 and 0.33 of the stature (Drillis and Contini 1966).
+    # Legs and arms have 0.49 and 0.33 of the stature (Drillis and Contini 1966).
     odd = abs(math.log(legs / arms / 1.5)) / 4
     return float(lengths.std(axis=-1).mean() / whole + np.abs(mean[0] - mean[1]).mean() / whole + odd)

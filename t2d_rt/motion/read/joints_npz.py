@@ -1,4 +1,4 @@
-"""Arrays of joints -> tracks: Kimodo's .npz, a .npz with joints, names and a rate, or a bare .npy ordered by its limbs."""
+"""Read arrays of joints: Kimodo's .npz, a .npz with joints, names and a rate, or a bare .npy whose order its limbs tell."""
 
 from __future__ import annotations
 
@@ -25,19 +25,18 @@ from t2d_rt.motion.read.tracks import Tracks
 from t2d_rt.motion.skeletons import tables
 from t2d_rt.types.motion import CANONICAL_JOINTS
 
-# --- Kimodo's .npz -> tracks: posed_joints (T, 30, 3) [m], global_rot_mats (T, 30, 3, 3), 30 frames a second, y up,
-# facing z ---
+# --- Kimodo's .npz: posed_joints (T, 30, 3) [m], global_rot_mats (T, 30, 3, 3), 30 frames a second, y up, facing z ---
 
 
 RATE_HZ = 30.0
 JOINTS = 30
 
 PLACES: Mapping[str, int] = tables()["kimodo"]
-"""Canonical joint -> its place among those of the file."""
+"""Index of each canonical joint among those of the file."""
 
 
 def read_kimodo(arrays: Arrays) -> Tracks:
-    """Positions and, where the file has them, rotations."""
+    """Tracks of positions and, where the file has them, rotations; raises an InputError if an array has a wrong shape."""
     joints = arrays.samples("posed_joints", (3,))
     if joints.shape[1:] != (JOINTS, 3):
         raise InputError(f"{arrays.path}: posed_joints must have shape (time, {JOINTS}, 3), got {joints.shape}")
@@ -64,13 +63,12 @@ def read_kimodo(arrays: Arrays) -> Tracks:
     return Tracks(form="Kimodo", points=points, turned=orientations, rate_hz=rate_hz, unit_m=1.0, up="y").without(lost)
 
 
-# --- plain arrays of joints -> tracks: a .npz with joints, names and a rate, or a bare .npy whose order is found from
-# its limbs ---
+# --- plain arrays of joints: a .npz with joints, names and a rate, or a bare .npy whose order is found from its limbs ---
 
 
 JOINT_FIELDS = ("joints", "positions", "joints3d", "keypoints", "keypoints3d", "motion", "poses3d", "arr_0", "")
 NAMED_RATE_HZ = 30.0
-"""Rate of cameras, taken where a file does not tell one."""
+"""Rate of cameras, which is assumed if a file tells none."""
 
 MOST_JOINTS = 200
 
@@ -84,7 +82,7 @@ FORMS = (
 
 
 def read_plain(arrays: Arrays) -> People:
-    """Joints (T, K, 3), named or in a known order, or HumanML3D vectors (T, 263); of several persons (T, P, K, 3)."""
+    """The persons of joints (T, K, 3) or (T, P, K, 3), named or in a known order, or of HumanML3D vectors (T, 263)."""
     key = arrays.first(*JOINT_FIELDS) or (next(iter(arrays.texts)) if len(arrays.texts) == 1 else None)
     if key is None:
         raise InputError(f"{arrays.path} holds {shown(list(arrays.texts))} but no joints; expected {FORMS}")
@@ -100,7 +98,7 @@ def _person(values: Any, arrays: Arrays, what: str) -> Tracks:
 
 
 def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
-    """Persons by number of an array (T, P, K, 3) or (P, T, K, 3), those who are seen at all; an only one has no name."""
+    """Arrays (T, K, 3) of the persons in an array (T, P, K, 3) or (P, T, K, 3) who are ever seen, by number; a single one is ""."""
     array = arrays.get(key)
     if array.ndim != 4 or array.shape[3] not in (3, 4, 5) or min(array.shape) < 2 or array.dtype.kind not in "fiu":
         return {"": array}
@@ -112,7 +110,7 @@ def _persons(arrays: Arrays, key: str) -> dict[str, np.ndarray]:
 
 
 def _people(values: Any, arrays: Arrays, what: str) -> People:
-    """The subjects whose joints are in one array, by the joints' names."""
+    """The subjects whose joints are in one array, told apart by the joints' names."""
     values = samples_of(values, what, (2, 3))
     if values.ndim == 3 and values.shape[0] == 1 and values.shape[2] not in (3, 4, 5):
         values = values[0]
@@ -127,7 +125,7 @@ def _people(values: Any, arrays: Arrays, what: str) -> People:
 
 
 def _without_names(values: np.ndarray, arrays: Arrays) -> Tracks:
-    """Joints in a known order, or HumanML3D vectors."""
+    """Tracks of joints in a known order, or of HumanML3D vectors."""
     if values.ndim == 2 and values.shape[1] == WIDTH:
         return _at_rate(read_vectors(values), arrays)
     joints, clauses = _joints(values, arrays, None)
@@ -137,7 +135,7 @@ def _without_names(values: np.ndarray, arrays: Arrays) -> Tracks:
 def _of_subject(
     arrays: Arrays, joints: np.ndarray, place: Mapping[str, int], layout: tuple[str, ...], labels: Labels
 ) -> Tracks:
-    """The subject who has these labels; `place`: where each is among the joints (T, K, 3)."""
+    """The subject who has these labels; `place` gives the index of each among the joints (T, K, 3)."""
     points, sources = named_points(joints[:, [place[label] for label in labels.values()]], tuple(labels))
     clauses = (
         f"{len({name for source in sources.values() for name in source})} of its {len(place)} named joints",
@@ -153,8 +151,8 @@ def _at_rate(tracks: Tracks, arrays: Arrays) -> Tracks:
 
 
 def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> tuple[np.ndarray, tuple[str, ...]]:
-    """(T, K, 3), and clauses on how they were found: from (T, K, 3), with a confidence behind each point or without, from (T, 3 K),
-    all of a joint or all x first (MARS), or from (K, 3, T) as motion diffusion models write it."""
+    """Joints (T, K, 3), and clauses on how they were found: from (T, K, 3), with a confidence behind each point or without, from
+    (T, 3 K), joint by joint or all x first (MARS), or from (K, 3, T) as motion diffusion models write it."""
     clauses: tuple[str, ...] = ()
     if values.ndim == 3 and values.shape[2] in (4, 5) and values.shape[1] != 3:
         values, clauses = _of_confidence(values, arrays.path)
@@ -170,7 +168,7 @@ def _joints(values: np.ndarray, arrays: Arrays, names: Sequence[str] | None) -> 
 
 
 def _layouts(values: np.ndarray) -> dict[str, np.ndarray]:
-    """Joints (T, K, 3) as an array may hold them, by what is said of it where it is no usual one."""
+    """Joints (T, K, 3) in each layout that an array may have, by the clause that reports it, "" for a usual layout."""
     if values.ndim == 2 and values.shape[1] % 3 == 0:
         return {
             "": values.reshape(len(values), -1, 3),
@@ -184,7 +182,7 @@ def _layouts(values: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _unlikely(joints: np.ndarray, names: Sequence[str] | None) -> float:
-    """How unlike a person joints (T, K, 3) are that have these names, or are in the order that fits best; infinite for none."""
+    """How unlike a person joints (T, K, 3) are with these names, or else in the order that fits best; infinite if none fits."""
     if names is None:
         return likeliest_order(joints)[1]
     if len(names) != joints.shape[1] or absent_joints(names) or len(set(names)) < len(names):
@@ -193,7 +191,7 @@ def _unlikely(joints: np.ndarray, names: Sequence[str] | None) -> float:
 
 
 def _of_confidence(values: np.ndarray, path: Path) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Points (T, K, 3) of an estimator, NaN where its confidence is none, and what is told of it."""
+    """Points (T, K, 3) of an estimator, NaN where the confidence is 0 or missing, and clauses on that for the report."""
     points, confidence = values[..., :3], values[..., 3]
     stated = np.isfinite(confidence)
     if not ((confidence[stated] >= 0) & (confidence[stated] <= 1)).all():

@@ -1,4 +1,4 @@
-"""What cameras and pose estimators see, as text -> arrays of joints, which are read on as those of a .npz are.
+"""Read text files of cameras and pose estimators as arrays of joints, which are then read like those of a .npz file.
 
 NTU RGB+D's `.skeleton` (Shahroudy et al. 2016): frames of bodies of 25 joints of a Kinect v2 [m]. JSON: frames of OpenPose's
 `pose_keypoints_3d` or of MediaPipe's world landmarks, one list of them in a file.
@@ -25,7 +25,7 @@ from t2d_rt.motion.read.samples import plausible
 MAX_BYTES = 100_000_000
 
 KINECT_JOINTS, KINECT_NUMBERS, BODY_NUMBERS = 25, 12, 10
-"""Of a body in a .skeleton file, of a joint, and of the line before them."""
+"""In a .skeleton file: the joints of a body, the numbers of a joint, and the numbers of the line before the joints."""
 TRACKED = {0: 0.0, 1: 0.4, 2: 1.0}
 """Confidence that a Kinect's tracking state stands for: not tracked, inferred, tracked."""
 MOST_BODIES = 30
@@ -33,14 +33,17 @@ MOST_BODIES = 30
 FRAME_LISTS = ("frames", "annotations", "results", "poses", "data", "landmarks")
 WORLD = ("poseworldlandmarks", "worldlandmarks")
 IN_PICTURE = ("poselandmarks", "landmarks", "landmark", "keypoints3d", "keypoints")
-"""What the landmarks of a frame are called, without signs and in lower case; those in metres first."""
+"""Names of the landmarks of a frame, without underscores and in lower case; those in metres come first."""
 
 Person = list[list[float]]
-"""x, y, z, and a confidence where there is one, of each point; empty where nobody is."""
+"""For each point x, y, z, and a confidence where there is one; empty if nobody is seen."""
 
 
 def read_ntu(path: Path) -> Arrays:
-    """Joints (T, P, 25, 4) with their confidence by name; persons in the order of how long they are seen."""
+    """Joints (T, P, 25, 4) with confidences, and their names; persons are in the order of how long they are seen.
+
+    Raises an InputError if the file is no skeleton file of NTU RGB+D.
+    """
     words = iter(read_bytes(path, limit=MAX_BYTES, noun="skeleton file").split())
     bodies: dict[str, dict[int, np.ndarray]] = {}
     try:
@@ -83,7 +86,7 @@ def _take(words: Iterator[bytes], count: int) -> np.ndarray:
 
 
 def read_json(tree: Any, path: Path) -> Arrays:
-    """Joints (T, P, K, 3 or 4) of a JSON tree of frames, with the rate and the times that it states."""
+    """Joints (T, P, K, 3 or 4) of a JSON tree of frames, with the rate and the times that it states; may raise an InputError."""
     top = tree if isinstance(tree, dict) else {}
     frames = next((top[name] for name in top if name.lower() in FRAME_LISTS and isinstance(top[name], list)), tree)
     if not isinstance(frames, list) or not 2 <= len(frames) <= MAX_FRAMES:
@@ -155,7 +158,7 @@ def _landmarks(points: Any) -> Person:
 
 
 def _followed(people: Sequence[Sequence[Person]], path: Path) -> np.ndarray:
-    """Joints (T, P, K, N) of persons who are told apart by where they were last: estimators list them in any order."""
+    """Joints (T, P, K, N) of persons who are followed by where they were last, because estimators list them in any order."""
     from scipy.optimize import linear_sum_assignment
 
     shapes = {(len(person), len(point)) for frame_people in people for person in frame_people for point in person}
@@ -181,9 +184,9 @@ def _followed(people: Sequence[Sequence[Person]], path: Path) -> np.ndarray:
 
 
 def json_of(path: Path) -> Any:
-    """The tree of a JSON file."""
+    """The tree of a JSON file; raises an InputError if it is not valid."""
     text = read_bytes(path, limit=MAX_BYTES, noun="JSON file")
     try:
-        return json.loads(text, parse_int=float)  # which no number of digits overflows
+        return json.loads(text, parse_int=float)  # floats, as no number of digits overflows them
     except (ValueError, RecursionError):
         raise InputError(f'{path} is not valid JSON; a DeepMimic motion is an object with "Frames"') from None

@@ -1,4 +1,4 @@
-"""Labelled points of C3D files (decoded by ezc3d, extra [c3d]) and of TRC tables -> canonical joints."""
+"""Read labelled points of C3D files (decoded by ezc3d, extra [c3d]) and of TRC tables, and find canonical joints from them."""
 
 from __future__ import annotations
 
@@ -31,8 +31,7 @@ from t2d_rt.motion.read.tracks import Times, Tracks
 from t2d_rt.motion.skeletons import sided, tables
 from t2d_rt.types.motion import RATES_HZ
 
-# --- labelled points of C3D and TRC files -> canonical joints: joint centres by name, or the markers of usual sets
-# ---
+# --- canonical joints from labelled points: joint centres by name, or the markers of usual sets ---
 #
 # Markers lie on the skin. Hip centres follow from the four of the pelvis (Harrington et al. 2007), those of knees,
 # ankles and elbows lie half a joint's width inward of the outer marker, shoulders below the acromion (as Vicon's
@@ -44,37 +43,37 @@ MODELLED: Mapping[str, str] = tables()["plug_in_gait"]
 """Joint centres that Plug-in Gait writes, and the canonical joints that they are."""
 
 PELVIS_SETS = (("LASI", "RASI", "LPSI", "RPSI"), ("LASI", "RASI", "SACR", "SACR"), ("LFWT", "RFWT", "LBWT", "RBWT"))
-"""Front left, front right, back left, back right: Plug-in Gait, Helen Hayes, CMU."""
+"""Markers of the pelvis (front left, front right, back left, back right) of Plug-in Gait, Helen Hayes and CMU."""
 
 SIDED = {"knee": ("KNE",), "ankle": ("ANK",), "shoulder": ("SHO",), "elbow": ("ELB",), "wrist": ("WRA", "WRB")}
 """Markers that a joint needs, without the side's letter."""
 ON_LIMBS = [f"{side}{label}" for labels in SIDED.values() for label in labels for side in "LR"]
 
 MEDIAL = ("KNM", "ANM", "ELM")
-"""Markers inside of knee, ankle and elbow: half-way to the outer one lies the joint."""
+"""Markers on the inner side of knee, ankle and elbow: the joint lies half-way to the outer marker."""
 
 _SETS = [sided(row) for row in tables()["marker_sets"].values()]
 RENAMED: Mapping[str, tuple[str, ...]] = {
     label: tuple(str(row[label]).upper() for row in _SETS if label in row) for row in _SETS for label in row
 }
-"""Marker of Plug-in Gait -> what other sets call it, in upper case."""
+"""For each marker of Plug-in Gait: its names in other sets, in upper case."""
 
 HEAD = ("LFHD", "RFHD", "LBHD", "RBHD")
 
 SHANK = 0.246
 """Length of the shank over the stature (Drillis and Contini 1966)."""
 KNEE_HALF, ANKLE_HALF, ELBOW_HALF, SHOULDER_DOWN, FOOT_DOWN = 0.033, 0.024, 0.023, 0.03, 0.01
-"""From marker to joint, in statures: half widths of 10, 7 and 6.5 cm and half a marker of 14 mm, shoulders 5 cm below, at
-1.75 m."""
+"""Distances from marker to joint, over stature: half of widths of 10, 7 and 6.5 cm and half of a marker of 14 mm, shoulders 5 cm
+below and balls of the feet 1.75 cm below, at a stature of 1.75 m."""
 
 STRAIGHT = 0.03
-"""(sine of the bend)^2 at which a hinge counts as much as the trunk's left."""
+"""(sine of the bend)^2 at which a hinge counts as much as the left of the trunk."""
 
 
 def people_of_markers(markers: dict[str, np.ndarray], **about: Any) -> People:
     """The subjects who wear markers; their points are NaN where a marker was not seen.
 
-    markers: positions (T, 3) by label in any unit and axes; no numbers, or 0, 0, 0 and the like, where one was not seen.
+    markers: positions (T, 3) by label in any unit and axes; NaN, or 0, 0, 0 and the like, where one was not seen.
     about: fields of `Tracks` that all have in common.
     """
     positions = np.moveaxis(seen(np.stack(list(markers.values()), axis=1)), 1, 0)
@@ -93,7 +92,7 @@ def _of_subject(visible: dict[str, np.ndarray], never: list[str], about: dict[st
 
 
 def lacking(labels: Sequence[str]) -> list[str]:
-    """Which labels are absent of joint centres or, where half of these are, of markers on the skin; none where one set is whole."""
+    """Labels that are absent: joint centres, or markers on the skin if over half of the centres are; empty if a set is whole."""
     upper = set(_as_plug_in_gait(labels))
     modelled = [label for label, joint in MODELLED.items() if joint in NEEDED and label not in upper]
     absent = [label for label in ON_LIMBS if label not in upper]
@@ -103,7 +102,7 @@ def lacking(labels: Sequence[str]) -> list[str]:
 
 
 def _as_plug_in_gait(labels: Iterable[str]) -> dict[str, str]:
-    """Labels by their names in upper case, and by those of Plug-in Gait where another set's are told."""
+    """Labels by their names in upper case, and by the names of Plug-in Gait for markers of other sets."""
     upper = {label.upper(): label for label in labels}
     for label, others in RENAMED.items():
         equivalent = next((upper[other] for other in others if other in upper), None)
@@ -117,7 +116,7 @@ def _pelvis(upper: Collection[str]) -> tuple[str, ...] | None:
 
 
 def _joints(tracks: dict[str, np.ndarray], labels: Labels) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Points (T, 3) of the subject who has these labels, by canonical name, and a clause on what they are made of."""
+    """Points (T, 3) by canonical name of the subject who has these labels, and a clause that says what they are made of."""
     by_label = {label: tracks[source] for label, source in labels.items()}
     if absent := lacking(tuple(by_label)):
         raise InputError(
@@ -183,7 +182,7 @@ def _from_skin(markers: dict[str, np.ndarray]) -> tuple[dict[str, np.ndarray], t
 
 
 def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarray:
-    """Unit axis (T, 3) of a bend to the body's left, `left` where the limb is straight or seems to bend the other way."""
+    """Unit axis (T, 3) of a bend, towards the body's left; `left` where the limb is straight or seems to bend the other way."""
     bend = np.cross(first, second)
     sine = np.linalg.norm(bend, axis=-1, keepdims=True)
     cosine = (bend * left).sum(axis=-1, keepdims=True) / np.maximum(sine, 1e-12)
@@ -191,12 +190,12 @@ def _hinge(first: np.ndarray, second: np.ndarray, left: np.ndarray) -> np.ndarra
 
 
 def _square(vectors: np.ndarray, to: np.ndarray) -> np.ndarray:
-    """The part of vectors square to others, (T, 3)."""
+    """The part (T, 3) of vectors that is perpendicular to others."""
     axis = unit(to)
     return vectors - (vectors * axis).sum(axis=-1, keepdims=True) * axis
 
 
-# --- C3D files of marker positions -> tracks, decoded by ezc3d (extra [c3d]) ---
+# --- C3D files of marker positions, decoded by ezc3d (extra [c3d]) ---
 
 
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
@@ -218,7 +217,7 @@ np.savez(sys.argv[2], labels=np.array(labels, dtype=str), rate=point["RATE"]["va
 
 
 def read_c3d(path: Path) -> People:
-    """Joints of the file's joint centres or markers."""
+    """The subjects of a C3D file by its joint centres or markers; raises an InputError if it cannot be read."""
     data = read_bytes(path, limit=250_000_000, noun="C3D file")
     # The second byte of every C3D file is 0x50.
     if len(data) < 1024 or data[1] != 0x50:
@@ -233,14 +232,14 @@ def read_c3d(path: Path) -> People:
 
 
 def _header_rate(data: bytes) -> float:
-    """Frame rate [Hz] of the first block, 0 where it is written by other processors than today's."""
+    """Frame rate [Hz] in the first block, 0 if another processor than Intel's or MIPS wrote it."""
     processor = data[512 * max(data[0] - 1, 0) :][3:4]
     order = {b"T": "<f", b"V": ">f"}.get(processor)  # 84 Intel, 86 MIPS
     return float(struct.unpack(order, data[20:24])[0]) if order else 0.0
 
 
 def _markers(path: Path) -> tuple[dict[str, np.ndarray], float, str]:
-    """Positions (T, 3) by label, NaN where not seen, the frame rate and the name of the unit."""
+    """Positions (T, 3) by label, NaN where not seen, the frame rate [Hz] and the name of the unit."""
     if importlib.util.find_spec("ezc3d") is None:
         raise InputError(f"reading {path} needs the package ezc3d; {install('c3d')}")
     labels, rate_hz, unit, table = _decoded(path)
@@ -272,15 +271,14 @@ def _decoded(path: Path) -> tuple[list[str], float, str, np.ndarray]:
             return labels, float(decoded["rate"]), str(decoded["unit"]), points
 
 
-# --- OpenSim's .trc, a table of labelled points, tab between columns -> tracks. Pose estimators write their joints in
-# it too ---
+# --- OpenSim's .trc, a table of labelled points with tabs between columns, which pose estimators write too ---
 
 
 MAX_MARKERS = 1000
 
 
 def read_trc(path: Path) -> People:
-    """Joints of the file's joint centres or markers."""
+    """The subjects of a TRC file by its joint centres or markers; raises an InputError if it cannot be read."""
     data = read_bytes(path, limit=150_000_000, noun="TRC file")
     try:
         lines = data.decode("utf-8-sig").splitlines()
@@ -309,7 +307,7 @@ def read_trc(path: Path) -> People:
 
 
 def _table(lines: list[str], width: int, path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Times [s], (T,) or fewer, and coordinates (T, columns), NaN where a cell is empty."""
+    """Times [s] of the rows that tell one, and coordinates (T, columns), NaN where a cell is empty."""
     rows: list[list[float]] = []
     times: list[float] = []
     for line in lines:

@@ -1,4 +1,4 @@
-"""Noise of joint positions and of a skeleton's rotations, measured and taken out; joints that turn far in one frame and back."""
+"""Measure and remove noise of joint positions and of a skeleton's rotations, and find joints that turn far and back at once."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from t2d_rt.types.motion import Motion
 # sees speed: 4 mm at 20 Hz, anew in each frame, are 0.25 m/s (`noise_speed_mps`). The noise is measured where no
 # motion hides it, in the lengths of bones, which a body keeps: their spectrum is the noise's, which is no white one
 # where a tracker follows its last frames or errs in bursts. Each joint is then filtered at the cut-off at which noise
-# let through and motion lost add up to the least.
+# let through and motion lost add up to the least error.
 
 
 NOISE_LIMIT_MPS = 0.03
@@ -34,25 +34,25 @@ NOISE_LIMIT_MPS = 0.03
 CUTOFFS_HZ = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0, 11.3, 16.0, 22.6, 32.0)
 
 ABOVE_NOISE = 1.6
-"""Of the noise's spectral power, for a frequency to hold motion: means over 9 frequencies scatter by 27 % for 3 coordinates, by
-17 % for 8 bones."""
+"""Spectral power over that of the noise above which a frequency holds motion: means over 9 frequencies scatter by 27 % for 3
+coordinates, by 17 % for 8 bones."""
 
 SURELY = 3.0
-"""Likewise, that a band of frequencies must reach somewhere: noise in bursts scatters by twice as much."""
+"""The same ratio that a band of such frequencies must reach somewhere: noise in bursts scatters by twice as much."""
 
 RARE = 0.5
-"""Percent of frames, of the shortest and of the longest of a bone, whose lengths are cut to the others': a jump is no noise."""
+"""Percentage of the shortest and of the longest lengths of a bone that are clipped to the others, because a jump is no noise."""
 
 SMOOTHING = 0.2
-"""Of a frequency, by which spectra are averaged to either side: fast movement has broad spectra."""
+"""Part of a frequency over which spectra are averaged to either side: fast movement has broad spectra."""
 
 TOP = 0.75
-"""Part of half the rate above which a joint holds next to no motion: what is there tells its own noise, where it is more than that
-of the limbs' bones, as hands' and feet's are."""
+"""Part of half the rate above which a joint has next to no motion: the power there is its own noise, if it is more than that of the
+limbs' bones, as at hands and feet."""
 
 
 def without_noise(tracks: Tracks) -> tuple[Tracks, str | None]:
-    """Tracks [m] freed of measured noise and a clause for the report; None where the usual smoothing is to decide."""
+    """Tracks [m] freed of measured noise and a clause for the report; the clause is None if the usual smoothing is to decide."""
     noise, rate_hz = noise_power(tracks.points), tracks.rate_hz
     if noise_speed_mps(noise, rate_hz) <= NOISE_LIMIT_MPS:
         return tracks, None
@@ -67,7 +67,7 @@ def without_noise(tracks: Tracks) -> tuple[Tracks, str | None]:
 def told_noise(
     whose: str, noise: str, source: str, cutoffs_hz: tuple[float, ...], error_mps: float, *, rate_hz: float
 ) -> str:
-    """A clause for the report on noise that was smoothed away, and a warning where too much remains."""
+    """A clause for the report on noise that was smoothed away; warns if too much remains."""
     error = f"joint speeds err by about {error_mps:.2f} m/s"
     # A little more than what a window of 25 ms resolves at 77 GHz, 0.078 m/s (lambda / 2 T).
     if error_mps > 0.1:
@@ -80,7 +80,7 @@ def told_noise(
 
 
 def noise_power(points: dict[str, np.ndarray]) -> np.ndarray:
-    """Power of the noise of each coordinate [m^2], (T,), at frequencies from 0 to half the rate; its mean is the variance."""
+    """Power (T,) [m^2] of the noise of a coordinate at frequencies from 0 to half the rate; its mean is the variance."""
     lengths = limb_lengths(points).reshape(8, -1).T
     if len(lengths) < 12:
         return np.zeros(len(lengths))
@@ -102,8 +102,8 @@ def _omega(count: int, rate_hz: float) -> np.ndarray:
 def denoised(
     points: dict[str, np.ndarray], noise: np.ndarray, rate_hz: float
 ) -> tuple[dict[str, np.ndarray], tuple[float, ...], float]:
-    """Points (T, 3) [m] of joints, each low-passed as its own spectrum and the noise's (T,) ask for; the cut-offs used, ascending;
-    and the RMS error of the joints' speed that remains, by estimate."""
+    """Points (T, 3) [m] of joints, each low-passed as its own spectrum and that of the noise (T,) require; the cut-offs used [Hz],
+    ascending; and an estimate of the RMS error of the joints' speed that remains [m/s]."""
     smooth, used, errors = {}, set(), []
     for name, track in points.items():
         cutoff, error = best_cutoff(track, _track_noise(track, 3.0 * noise), rate_hz)
@@ -114,7 +114,7 @@ def denoised(
 
 
 def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[float | None, float]:
-    """The cut-off of least expected error of speed, None for no filter, and that error squared.
+    """The cut-off [Hz] of least expected error of speed, None for no filter, and that error squared.
 
     track: values (T, N). noise: power of the noise in all columns together, (T,), as `noise_power` gives it for one.
     """
@@ -125,7 +125,7 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
         if (power > SURELY * noise)[low:high].any():
             signal[low:high] = (power - noise)[low:high]
     errors: dict[float | None, float] = {None: float((omega**2 * noise).mean())}
-    # A filter at half of the frame rate has no transition.
+    # A filter near half of the frame rate has no room for its transition.
     for cutoff in (cutoff for cutoff in CUTOFFS_HZ if cutoff < 0.45 * rate_hz):
         gain = low_pass_gain(len(power), cutoff, rate_hz)
         errors[cutoff] = float((omega**2 * ((1 - gain) ** 2 * signal + gain**2 * noise)).mean())
@@ -134,14 +134,14 @@ def best_cutoff(track: np.ndarray, noise: np.ndarray, rate_hz: float) -> tuple[f
 
 
 def _track_noise(track: np.ndarray, noise: np.ndarray) -> np.ndarray:
-    """The noise of a track (T, N), which is that of bones (T,) or as many times as much as its highest frequencies have."""
+    """Power (T,) of the noise of a track (T, N): that of the bones (T,), scaled up if the track's highest frequencies have more."""
     top = slice(int(TOP * len(noise)), None)
     more = float(np.median(_track_power(track)[top])) / max(float(np.median(noise[top])), 1e-300)
     return np.asarray(noise * max(1.0, more))
 
 
 def _track_power(track: np.ndarray) -> np.ndarray:
-    """Spectral power (T,) of a track (T, N), continued by point reflection, as the filter does, so that its ends make none."""
+    """Spectral power (T,) of a track (T, N), continued by point reflection, as in the filter, so that its ends add none."""
     ramp = np.linspace(0.0, 1.0, len(track))[:, None]
     centred = track - (1 - ramp) * track[0] - ramp * track[-1]
     return _power(np.concatenate([centred, -centred[-2:0:-1]]))
@@ -153,15 +153,14 @@ def _power(periodic: np.ndarray) -> np.ndarray:
 
 
 def _averaged(power: np.ndarray) -> np.ndarray:
-    """Spectral power averaged over 9 neighbours, and over `SMOOTHING` of the frequency above."""
+    """Spectral power averaged over 9 neighbours, or over `SMOOTHING` of the frequency to either side if that is more."""
     at, total = np.arange(len(power)), np.concatenate([[0.0], np.cumsum(power)])
     half = np.maximum(4, (SMOOTHING * at).astype(int))
     low, high = np.maximum(at - half, 0), np.minimum(at + half + 1, len(power))
     return np.asarray((total[high] - total[low]) / (high - low))
 
 
-# --- noise of a skeleton's rotations and of its root, measured, and the low-pass of each that leaves the least error
-# of speed ---
+# --- noise of a skeleton's rotations and root, measured, and the low-pass of each with the least error of speed ---
 #
 # Body models fitted to video err anew in each frame. Their bones keep their lengths, and the noise of rotations adds
 # up along the limbs: 1 degree in every joint and 3 mm of the root are 1.2 m/s at 30 Hz. The noise is measured where
@@ -171,24 +170,24 @@ def _averaged(power: np.ndarray) -> np.ndarray:
 
 
 ORDER = 6
-"""Of the differences: at 30 Hz a movement at 3 Hz keeps 6 % of its amplitude beside noise."""
+"""Order of the differences: at 30 Hz they keep 6 % of the amplitude of a movement at 3 Hz."""
 
 WINDOW_S, FEWEST_AVERAGED = 0.4, 9
-"""Time over which they are averaged."""
+"""Time over which the squared differences are averaged [s], and the fewest frames."""
 
 FOUND = 8.0
-"""Speed that the usual smoothing would leave, times the frame rate [m/s Hz], from which rotations are noisy: recordings have up to
-5.4 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), 1 degree and 3 mm have 23 at 30 Hz."""
+"""Speed of noise that the usual smoothing would leave, times the frame rate [m/s Hz], above which rotations are noisy: recordings
+have up to 5.4 at their own rates (7.4 decimated to 20 to 30 Hz, a roll), noise of 1 degree and 3 mm has 23 at 30 Hz."""
 
 SHORT_S, SHORTEST_S, LOWEST_RATE_HZ = 2.0, 1.0, 18.0
-"""Records shorter than the first hold few calm windows: twice the limit; none below the second, nor at lower rates, at which
-movement looks like noise."""
+"""Records shorter than the first [s] hold few calm windows and have twice the limit. No noise is sought in those shorter than the
+second [s], nor at lower rates [Hz], at which movement looks like noise."""
 
 
 def without_rotation_noise(
     motion: Motion, parts: tuple[np.ndarray, np.ndarray], *, filtered: bool
 ) -> tuple[Motion, str] | None:
-    """The motion without measured noise and a clause for its report; None where the noise is less than what the limit tells.
+    """The motion without measured noise and a clause for its report; None if the noise is below the limit.
 
     parts: those of `t2d_rt.motion.interpolate.parts`. filtered: whether the usual low-pass at 12 Hz would follow.
     """
@@ -224,7 +223,7 @@ def without_rotation_noise(
 
 
 def _levels(tracks: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Variances (J,) of white noise in all columns of each of the tracks (T, J, N) together, at most, by its calmest frames."""
+    """Greatest variances (J,) that white noise can have in all columns together of each track (T, J, N), by its calmest frames."""
     differences = np.diff(tracks, n=ORDER, axis=0)
     square = inner(differences, differences) / comb(2 * ORDER, ORDER)
     frames = min(max(FEWEST_AVERAGED, round(WINDOW_S * rate_hz)), len(square))
@@ -236,7 +235,7 @@ def _levels(tracks: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def _usual(levels: np.ndarray) -> float:
-    """Noise of the calmer joints among those that turn."""
+    """Noise of the calmer joints among those that turn: the 25th percentile of their variances."""
     turning = levels[levels > 1e-12]
     return float(np.percentile(turning, 25.0)) if len(turning) else 0.0
 
@@ -260,26 +259,25 @@ def _reach(motion: Motion) -> np.ndarray:
 
 
 def _speed_mps(squares: np.ndarray, reach: np.ndarray) -> float:
-    """RMS speed of joints whose root and rotations move by these squares of speed, (1 + J,): of three
-    axes two lie across an arm."""
+    """RMS speed of joints [m/s] whose root and rotations have these squared speeds (1 + J,): two of three axes are perpendicular to
+    a lever arm."""
     return math.sqrt(float((squares[0] + 2.0 / 3.0 * reach @ squares[1:]).mean()))
 
 
-# --- joints that turn far in one frame and back again: faults of tracking or of export that a radar would see as
-# clutter ---
+# --- joints that turn far in one frame and back again: faults of tracking or export that disturb a spectrogram ---
 
 
 LEAST_DEG = 90.0
-"""Turns in one frame above which a joint flips: at 30 Hz 2700 degrees per second, faster than the elbow of a pitcher (2400; Fleisig
-et al. 1999), and here the joint is back in the next frame."""
+"""Turn in one frame above which a joint flips: at 30 Hz 2700 degrees per second, faster than the elbow of a pitcher (2400; Fleisig
+et al. 1999), and a flip turns back within `LONGEST` frames."""
 
 LONGEST = 3
 """Frames that a flip lasts at most."""
 
 
 def told_flips(local: np.ndarray, names: Sequence[str], rate_hz: float) -> str:
-    """A clause for the report on flips of joints, from their rotations (T, J, 4) against their parents, the three largest by name;
-    empty where there is none."""
+    """A clause for the report that names the three largest flips of joints, from their rotations (T, J, 4) against their parents;
+    empty if there is none."""
     flips: list[tuple[float, str]] = []
     steps = _angle(local[:-1], local[1:])
     for joint, name in enumerate(names):

@@ -1,4 +1,4 @@
-"""Orientations of bones from joint positions alone, and motions of such positions."""
+"""Find the orientations of bones from joint positions alone, and make motions of such positions."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from t2d_rt.motion.quaternions import about_axis, between, conjugate, from_matri
 from t2d_rt.motion.skeletons import PARENT_OF, parents_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_rate
 
-# --- orientations of bones from joint positions alone: each is swung along its bone, its twist comes from its
-# neighbours ---
+# --- orientations of bones from joint positions alone ---
 #
 # Positions fix two of a bone's three angles. The third, the twist about the bone, is seen where a knee or an elbow is
-# bent: the bones above and below span a plane that the joint's hinge is square to. Near a straight limb that plane is
-# lost in the errors of the joints, so that the twist there is what the nearest bent instants say, and in the absence
-# of any what the trunk says. Pelvis and chest turn with the lines of hips and shoulders; feet and the head follow
-# shank and neck but for the swing of their own bone.
+# bent: the joint's hinge is perpendicular to the plane of the bones above and below. Near a straight limb that plane
+# is lost in the errors of the joints, so that the twist follows from the nearest instants at which the limb is bent,
+# or from the trunk if there are none. Pelvis and chest turn with the lines of hips and shoulders; feet and the head
+# follow shank and neck except for the swing of their own bone.
 
 
 SHORTEST_M = 1e-9
@@ -30,30 +29,30 @@ SHORTEST_M = 1e-9
 
 LEG_REST = np.array([0.35, 0.0, -0.94])
 ARM_REST = np.array([0.51, 0.61, -0.61])
-"""Directions (ahead, left, up) of a thigh and of a left upper arm from which the twist is counted. A swing has none at half a turn,
-and these two lie opposite to where no thigh or arm gets."""
+"""Directions (ahead, left, up) of a thigh and of a left upper arm from which the twist is counted. At half a turn the least swing
+is undefined, and no thigh or arm reaches the directions opposite to these two."""
 
 STRAIGHT_WEIGHT = 0.03
 """(sine of the bend)^2 at which the hinge counts as much as the neutral twist: 10 degrees. Joint centres of recordings err by about
 1 cm, which at 10 degrees and bones of 0.3 m turns the plane by 11 degrees."""
 
 FOOT_WEIGHT = 0.05
-"""Weight of the foot's direction as a sign of the leg's twist beside (sine of the knee's bend)^2."""
+"""Weight of the foot's direction as a sign of the leg's twist, beside that of the knee's bend, which is (sine of the bend)^2."""
 
 TRUNK_WEIGHT = 0.02
-"""Weight of `not twisted against the trunk` in a clip's neutral twist, per frame."""
+"""Weight, per frame, that pulls a clip's neutral twist towards none against the trunk."""
 
 TWIST_TIME_S = 0.15
-"""Time over which the twist of a straight limb is smoothed; a right angle's is, over a sixth of it."""
+"""Time over which the twist of a straight limb is smoothed [s]; for a limb bent by 90 degrees it is a sixth of that."""
 
 SWING_STIFFNESS = 0.01
-"""Weight of steady twist beside `as little swing as can be` for bones without a hinge: it counts from 90 degrees of swing on."""
+"""Weight of steady twist against least swing, for bones without a hinge: it counts from 90 degrees of swing on."""
 
 
 def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -> dict[str, np.ndarray]:
     """Global orientations x, y, z, w (T, 4) by joint from positions (T, 3) [m], z up, of all canonical joints.
 
-    In a bone's own frame the bone itself keeps its direction over the whole motion.
+    In a bone's own frame the bone keeps its direction over the whole motion. Raises an InputError if joints coincide.
     """
     _check_lengths(points)
     turned = _trunk(points, rate_hz)
@@ -65,7 +64,7 @@ def orientations_from_positions(points: dict[str, np.ndarray], rate_hz: float) -
         )
         ahead = points[foot] - points[ankle]
         thigh, shank = unit(points[knee] - points[hip]), unit(points[ankle] - points[knee])
-        # A foot points to where its knee bends: square to it, carried up from the shank to the thigh, lies another hinge.
+        # A foot points to where its knee bends: the perpendicular to it, turned from the shank to the thigh, is another hinge.
         foot_hinge = rotate(between(shank, thigh), vector_product(unit(ahead), shank))
         turned[hip], turned[knee] = _limb(
             turned["pelvis"], LEG_REST * mirror, (thigh, shank), vector_product(thigh, shank), rate_hz, foot_hinge
@@ -116,11 +115,11 @@ def _limb(
     rate_hz: float,
     second: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Orientations of a limb's upper and lower bone (T, 4) each.
+    """Orientations (T, 4) of a limb's upper and of its lower bone.
 
     bones: unit directions (T, 3) of both.
-    hinge: the axis of the bend (T, 3), to the body's left where the limb hangs, as long as the sine of the bend.
-    second: another sign of where it points, as long as the sine of what it is taken from.
+    hinge: axis (T, 3) of the bend, to the body's left where the limb hangs; its length is the sine of the bend.
+    second: another estimate of that axis; its length is the sine of the angle that it is found from.
     """
     rest, (upper, lower) = unit(rest), bones
     swung = multiply(between(rotate(trunk, rest), upper), trunk)
@@ -149,8 +148,8 @@ def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.n
 
     They minimise sum w (a - angle)^2 + w0 (a - neutral)^2 + w0 tau^2 a'^2, w0 = STRAIGHT_WEIGHT, tau = TWIST_TIME_S.
     """
-    # A hinge that points to the other side is a straight limb's error: elbows and knees do not bend backwards. And where
-    # the angle jumps from half a turn to minus half a turn it has no weight.
+    # A hinge that points to the other side is the error of a straight limb: elbows and knees do not bend backwards. The
+    # angle has no weight where it jumps from half a turn to minus half a turn.
     weight = weight * np.cos(angle / 2) ** 2
     neutral = np.angle((weight * np.exp(1j * angle)).sum() + TRUNK_WEIGHT * len(angle))
     stiffness = STRAIGHT_WEIGHT * (TWIST_TIME_S * rate_hz) ** 2
@@ -158,7 +157,7 @@ def _smooth_angle(angle: np.ndarray, weight: np.ndarray, rate_hz: float) -> np.n
 
 
 def _steadied(weight: np.ndarray, pull: np.ndarray, stiffness: float) -> np.ndarray:
-    """The track a (T,) at which weight a^2 - 2 pull a + stiffness (steps of a)^2, summed, is least: a tridiagonal system."""
+    """The track a (T,) that minimises the sum of weight a^2 - 2 pull a + stiffness (steps of a)^2: a tridiagonal system."""
     from scipy.linalg import solveh_banded
 
     diagonal = weight + stiffness * np.r_[1.0, np.full(len(weight) - 2, 2.0), 1.0]
@@ -172,10 +171,10 @@ def _angle_about(axis: np.ndarray, start: np.ndarray, end: np.ndarray) -> np.nda
 
 
 def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Orientations (T, 4) that follow those of the bone above but for the least swing that carries `bone` (T, 3).
+    """Orientations (T, 4) that follow those of the bone above, except for the least swing that carries `bone` (T, 3).
 
-    The swing counts from the bone's usual direction. Near half a turn from there, where the least swing turns over, as that of a
-    joint that a recording flips does, the bone goes on without twist instead.
+    The swing counts from the bone's usual direction. Near half a turn from there, where the least swing turns over (as at a joint
+    that a recording flips), the bone goes on without twist instead.
     """
     local = unit(rotate(conjugate(above), bone))
     mean = local.mean(axis=0)
@@ -187,7 +186,7 @@ def _carried(above: np.ndarray, bone: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def _counter(twist: np.ndarray, cosine: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Angles (T,) that undo steps of twist (T - 1,) where the swing, of known cosine (T,), is large.
+    """Angles (T,) that undo steps of twist (T - 1,) where the swing, whose `cosine` (T,) is given, is large.
 
     They minimise sum w a^2 + SWING_STIFFNESS tau^2 (a' + twist')^2, w = cos(swing / 2)^8, tau = TWIST_TIME_S.
     """
@@ -197,7 +196,7 @@ def _counter(twist: np.ndarray, cosine: np.ndarray, rate_hz: float) -> np.ndarra
 
 
 def _orthonormal(first: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors along `first` and towards `second`, square to each other, (T, 3)."""
+    """Perpendicular unit vectors (T, 3), one along `first` and one towards `second`."""
     a = unit(first)
     return a, unit(second - inner(second, a)[..., None] * a)
 
@@ -218,8 +217,8 @@ def motion_from_joints(
     placed: True where the positions are those of the radar's world and stay as they are; False where `simulate` is to place the
         motion before the radar; left out, it does so with a warning.
 
-    Orientations carry the bones; the twist about a bone, which positions do not show, comes from its neighbours: from the plane
-    of a bent knee or elbow, from the foot, from the lines of hips and shoulders.
+    Orientations follow the bones; the twist about a bone, which positions do not show, comes from its neighbours: from the plane
+    of a bent knee or elbow, from the foot, from the lines of hips and shoulders. Raises an InputError for wrong names or shapes.
     """
     names = listed("names", names, str, "a list of joint names")
     missing = [name for name in CANONICAL_JOINTS if name not in names]
@@ -240,7 +239,7 @@ def motion_from_joints(
 def assemble(
     points: dict[str, np.ndarray], orientations: dict[str, np.ndarray], rate_hz: float, floor_m: float, report: str = ""
 ) -> Motion:
-    """A motion of joints and orientations by canonical name, the floor put at z = 0."""
+    """A motion of positions (T, 3) [m] and orientations (T, 4) by canonical name, moved so that the floor is at z = 0."""
     names = tuple(name for name in PARENT_OF if name in points)
     joints = np.stack([points[name] for name in names], axis=1) - np.array([0.0, 0.0, floor_m])
     rotations = quaternions.continuous(np.stack([orientations[name] for name in names], axis=1))

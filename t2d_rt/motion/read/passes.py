@@ -1,4 +1,4 @@
-"""Tracks as readers find them -> `Motion`: how a file is to be read, and the passes that all formats go through, in one order."""
+"""Make a `Motion` of the tracks that readers return: the options of reading, and the passes that all formats go through."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Motion, check
 AXES = ("x", "y", "z", "-x", "-y", "-z", "file")
 
 LOWEST_CUTOFF_HZ = 0.1
-"""Below, a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
+"""Cut-off below which a low-pass leaves nothing of human movement and the filter's coefficients lose their digits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What the user says of a file; None is detected. The fields are `load_motion`'s options."""
+    """The options of `load_motion`; what is None is detected. Raises an InputError if an option is wrong."""
 
     units: float | str | None = None
     up: GivenUp | None = None
@@ -99,11 +99,11 @@ def file_origin(path: Path) -> str:
         return f"{printable(path.name)}, sha256 {hashlib.file_digest(file, 'sha256').hexdigest()}"
 
 
-# --- tracks as readers find them -> `Motion`: the passes that files of all formats go through, in one order ---
+# --- the passes that files of all formats go through, in this order ---
 #
 # `sampled` brings samples onto their clock and bridges gaps, in the file's own unit and axes; `upright` turns them z
 # up in metres; `placed` drops a calibration pose, mends leaps, takes measured noise away, levels what a tilted camera
-# saw, adds feet, finds the root's way and the floor. What each of them did is a clause of the report, in this order.
+# saw, adds feet, finds the root's track and the floor. Each adds a clause to the report, in this order.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ class Frame:
     """The upward direction in the file."""
     unit_m: float
     tall_m: float
-    """The stature by that unit."""
+    """Stature that follows from the unit [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,11 +124,11 @@ class Found:
     motion: Motion
     frame: Frame
     floor_m: float
-    """Height of the floor along the file's upward direction."""
+    """Height of the floor along the file's upward direction [m]."""
     start_s: float
-    """When on the file's clock the first frame is."""
+    """Time of the first frame on the file's clock [s]."""
     tilt_deg: float
-    """By which floor and body were left tilted against the upward direction, 0 where they are not."""
+    """Angle by which floor and body were left tilted against the upward direction, 0 if they are not tilted."""
 
 
 def motion_of(tracks: Tracks, reading: Reading) -> Found:
@@ -145,7 +145,7 @@ def sampled(tracks: Tracks, reading: Reading) -> Tracks:
 
 
 def _understood(tracks: Tracks, reading: Reading) -> tuple[Tracks, Frame]:
-    """Canonical joints of one person, z up, and the file's frame; refuses what is none."""
+    """Canonical joints of one person, z up, and the file's frame; raises an InputError if they make no person."""
     if tracks.rate_assumed:
         assumed = f"{tracks.rate_hz:g} Hz assumed, the file does not say"
         tracks = replace(tracks, clauses=(assumed, *tracks.clauses))
@@ -199,7 +199,7 @@ def placed(tracks: Tracks, frame: Frame, reading: Reading) -> Found:
         warn(f"{clauses[-1]}; mend them in the file, for a radar sees them as fast movement")
     if smoothing is None:
         motion, smoothing = _smoothed(motion, reading.smooth_hz, local)
-    # Frames alone then leave errors of 0.1 m/s and more in the speed of a walker's joints, of 0.2 m/s in a runner's.
+    # At lower rates the speed of a walker's joints errs by 0.1 m/s and more, that of a runner's by 0.2 m/s.
     if motion.rate_hz < 15.0:
         warn(
             f"{motion.rate_hz:g} frames a second hold movements up to {0.5 * motion.rate_hz:g} Hz only, a walker's feet and hands "
@@ -216,7 +216,7 @@ def _smoothed(
 ) -> tuple[Motion, str]:
     """The motion low-passed as asked for, and a clause for its report.
 
-    local: the motion's `parts` where its rotations are the file's own, whose noise is to be measured.
+    local: the motion's `parts` if its rotations are the file's own, so that their noise is to be measured.
     """
     if smooth_hz is None:
         return motion, "not smoothed"
@@ -233,7 +233,7 @@ def _smoothed(
 
 
 def _check_together(tracks: Tracks) -> None:
-    """Refuses hips and shoulders that are those of several bodies."""
+    """Raises an InputError if hips and shoulders are those of several bodies."""
     at = tracks.points
     between = [at[f"left_{joint}"] - at[f"right_{joint}"] for joint in ("hip", "shoulder")]
     apart = [middle(at, "hip") - middle(at, "shoulder"), *between]
@@ -248,7 +248,7 @@ def _check_together(tracks: Tracks) -> None:
 
 
 def _without_coincident(tracks: Tracks) -> Tracks:
-    """Tracks without optional joints that lie on their parents in any frame, as SMPL's hands where they are only filled."""
+    """Tracks without optional joints that lie on their parents in any frame, as SMPL's hands do where they are only filled."""
     points = tracks.points
     left_out = [
         name
@@ -266,7 +266,7 @@ def _without_coincident(tracks: Tracks) -> Tracks:
 
 
 def _whole(tracks: Tracks) -> Tracks:
-    """Points of every canonical joint but feet; refuses too few or too many frames."""
+    """Tracks with every canonical joint but feet; raises an InputError for too few or too many frames."""
     frames = len(tracks)
     if frames < 2:
         raise InputError(f"{tracks.form}: a motion needs at least 2 frames, got {frames}")
@@ -288,7 +288,7 @@ def _unit(points: dict[str, np.ndarray], nominal_m: float | None, units: float |
 
 
 def _check_sides(points: dict[str, np.ndarray]) -> None:
-    """Refuses a body whose knees and feet point backward: its sides are swapped, or its axes left-handed."""
+    """Raises an InputError if knees and feet point backward: sides are swapped, or axes are left-handed."""
     ahead = facing(points)
     signs = []
     for side in ("left", "right"):
@@ -307,7 +307,7 @@ def _check_sides(points: dict[str, np.ndarray]) -> None:
 
 
 def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
-    """Tracks with the balls of feet that lack."""
+    """Tracks to which missing balls of the feet are added."""
     points, turned = dict(tracks.points), dict(tracks.turned)
     if turned:
         add_feet(points, turned, tall_m)
@@ -317,7 +317,7 @@ def _with_feet(tracks: Tracks, tall_m: float) -> Tracks:
 
 
 def _without_tpose(tracks: Tracks, drop: bool | None) -> Tracks:
-    """Tracks without a calibration pose at the start: as it is found, one frame at least or none as the user says."""
+    """Tracks without a calibration pose at the start, as it is found; `drop` True drops one frame at least, False none."""
     frames = 0 if drop is False else max(tpose_frames(tracks.points), int(drop is True))
     clause = f"first {frames} frame(s) dropped (T-pose)" if frames else "no T-pose"
     if stays_in_tpose(tracks.points):

@@ -1,4 +1,4 @@
-"""BVH skeletons -> `Motion`: several in one file are told apart, joints mapped to the canonical ones, the rest is found."""
+"""Read the skeletons of BVH and GLB files: tell several in one file apart, and map their joints to the canonical ones."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from t2d_rt.motion.skeletons import (
 
 
 def bodies(raw: RawSkeleton) -> dict[str, RawSkeleton]:
-    """Skeletons with joints enough for a person, by the namespace of their names, else the ROOT's own name, else their number; one
-    alone has no name."""
+    """Skeletons with enough joints for a person, by the namespace of their names, else the name of their ROOT, else their number; a
+    single one is called ""."""
     roots = [joint for joint, parent in enumerate(raw.parents) if parent < 0]
     if len(roots) == 1:
         return _twins(raw) or {"": raw}
@@ -46,7 +46,7 @@ def bodies(raw: RawSkeleton) -> dict[str, RawSkeleton]:
 
 
 def _twins(raw: RawSkeleton) -> dict[str, RawSkeleton]:
-    """Skeletons side by side whose joints have the same names but for what is before or after all of them; empty for one alone."""
+    """Skeletons side by side whose joints have the same names except for a prefix or suffix of them all; empty for a single one."""
     for joint in range(len(raw.names)):
         trees = [_below(raw, child) for child, parent in enumerate(raw.parents) if parent == joint]
         large = [tree for tree in trees if len(tree) >= FEWEST_LABELS]
@@ -70,7 +70,7 @@ def _twins(raw: RawSkeleton) -> dict[str, RawSkeleton]:
 
 
 def _affixes(ours: list[str], theirs: list[str]) -> tuple[str, str, list[str]]:
-    """What two lists of names differ by, before or after what they have in common, and the common names; none where they differ."""
+    """The prefixes or suffixes by which two lists of names differ, and the common names; empty if the names differ otherwise."""
     for turn in (1, -1):
         ends = zip(ours[0][::-turn], theirs[0][::-turn], strict=False)
         tail = next(
@@ -85,7 +85,7 @@ def _affixes(ours: list[str], theirs: list[str]) -> tuple[str, str, list[str]]:
 
 
 def _below(raw: RawSkeleton, root: int) -> list[int]:
-    """A joint and all that it carries, in the file's order."""
+    """A joint and all joints below it, in the file's order."""
     joints = {root}
     for joint in range(root + 1, len(raw.parents)):
         if raw.parents[joint] in joints:
@@ -94,7 +94,7 @@ def _below(raw: RawSkeleton, root: int) -> list[int]:
 
 
 def _above(raw: RawSkeleton, joint: int) -> list[int]:
-    """A joint and those that carry it, the root first."""
+    """A joint and all joints above it, the root first."""
     chain = [joint]
     while raw.parents[chain[0]] >= 0:
         chain.insert(0, raw.parents[chain[0]])
@@ -102,7 +102,7 @@ def _above(raw: RawSkeleton, joint: int) -> list[int]:
 
 
 def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
-    """Some of the joints, with all above them that are among them."""
+    """The skeleton with some of its joints only; a joint whose parent is not among them becomes a root."""
     starts = np.cumsum([0, *map(len, raw.channels)])
     columns = np.concatenate([np.arange(starts[joint], starts[joint + 1]) for joint in joints])
     place = {joint: number for number, joint in enumerate(joints)}
@@ -116,8 +116,7 @@ def _piece(raw: RawSkeleton, joints: list[int]) -> RawSkeleton:
     )
 
 
-# --- BVH skeleton -> `Motion`: the file's joints are mapped to the canonical ones, what it does not say is found from
-# the body ---
+# --- a skeleton becomes a `Motion`: its joints are mapped to the canonical ones, the rest is found from the body ---
 
 
 def read_skeletal(path: Path, flavour_name: str | None) -> People:
@@ -151,7 +150,7 @@ def motion_of_skeleton(tracks: Tracks, skeleton: FileSkeleton, reading: Reading)
 
 
 def _mapped(raw: RawSkeleton, flavour_name: str | None) -> tuple[RawSkeleton, Flavour, Match | None]:
-    """The skeleton with the names that its flavour knows, the flavour, and how it was matched if it is none that is known."""
+    """The skeleton with the names that its flavour uses, the flavour, and the match if none of the known flavours fits."""
     bare_names = plain_names(raw.names)
     if flavour_name is not None:
         flavour, names = chosen_flavour(flavour_name, (bare_names, raw.names), raw.parents)
@@ -168,12 +167,12 @@ def _mapped(raw: RawSkeleton, flavour_name: str | None) -> tuple[RawSkeleton, Fl
 
 
 def _spread(count: int) -> np.ndarray:
-    """At most 64 of the frames, spread over all."""
+    """Indices of at most 64 frames, spread evenly over all."""
     return np.unique(np.linspace(0, count - 1, 64).round().astype(int))
 
 
 def _at_rest(raw: RawSkeleton) -> RawSkeleton:
-    """The first frame without rotations, except for those of a stage: a root with one child that never turns."""
+    """The first frame without rotations, except those of a stage: joints from the root down that have one child and never turn."""
     values, column = raw.values[:1].copy(), 0
     on_stage = True
     for joint, channels in enumerate(raw.channels):
@@ -195,7 +194,7 @@ def _canonical(
 
 
 def _check_sides(points: dict[str, np.ndarray], kind: Flavour) -> None:
-    """Names decide where a flavour is known; a person whose left is on the right is said."""
+    """Warns if the joints called left lie on the person's right; the names of a known flavour are kept all the same."""
     frames = _spread(len(points["pelvis"]))
     if sum(signs({name: track[frames] for name, track in points.items()}).values()) < -DECISIVE:
         warn(

@@ -1,8 +1,8 @@
-"""Several persons in one file -> one of them: whose a label is tells what stands before or after the point's name.
+"""Tell the persons of one file apart by what stands before or after the names of their points.
 
 Trackers write `Anna:LASI`, `Anna_LASI`, `Anna.LASI`, `LASI_2` or `LASI` twice. What is before or after such a sign names a subject
-where the labels that share it are all that a person needs; so `left_` of `left_hip` names none, nor does the prefix of a chair.
-Nothing of one subject completes another.
+if the labels that share it are all that a person needs; so `left_` of `left_hip` names none, nor does the prefix of a chair.
+Points of one subject never complete another.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from t2d_rt.motion.read.tracks import Tracks
 SIGNS = ":_.-|/# "
 
 SIGN = re.compile(rf"[{re.escape(SIGNS)}]+|(?<=[^\W\d])(?=\d+$)|(?<=\d)(?=[^\W\d])")
-"""Between a subject's name and a point's: a sign, or a number's begin at the end (`LASI2`) or its end (`P2LASI`)."""
+"""What separates a subject's name from a point's: a sign, the start of a final number (`LASI2`) or the end of one (`P2LASI`)."""
 
 FEWEST_LABELS = 12
-"""Of a person: hips, knees, ankles, shoulders, elbows and wrists."""
+"""Fewest labels of a person: hips, knees, ankles, shoulders, elbows and wrists."""
 
 ALIKE = 6
-"""Labels that an incomplete subject has in common with another one: half of a person's."""
+"""Fewest labels that an incomplete subject has in common with others: half of a person's."""
 
 Labels = dict[str, str]
-"""A subject's labels, without its name -> as they stand in the file."""
+"""A subject's labels as they stand in the file, by the labels without its name."""
 
 Affix = tuple[str, str]
-"""Whether it stands "before" or "after" the point's name, and its text."""
+"""Whether a subject's name stands "before" or "after" the point's name, and its text."""
 
 
 People = Mapping[str, Callable[[], Tracks]]
-"""The subjects of a file by name, in its order, "" where a file of one person gives none. Each is read when it is called, with an
-InputError where it lacks anything."""
+"""Functions that read the subjects of a file, by name, in its order; the name is "" if a file of one person gives none. A function
+raises an InputError if its subject lacks anything."""
 
 
 def people_of_labels(
@@ -45,12 +45,12 @@ def people_of_labels(
 ) -> People:
     """The subjects that labels tell apart.
 
-    lacking: which labels a person needs beside some. read: one subject by its labels.
+    lacking: says which labels a person needs beside the given ones. read: reads one subject by its labels.
     """
     by_subject = subjects(labels, lacking)
     if by_subject:
         return {name: partial(read, own_labels) for name, own_labels in by_subject.items()}
-    # Prefixes of one person, of its parts, or none; of equal points the first.
+    # The prefixes are those of one person or of its parts, or there are none; of equal points the first is taken.
     prefixes = [*dict.fromkeys(printable(label.rpartition(":")[0]) for label in labels)]
     labels_by_point: Labels = {}
     for label in labels:
@@ -61,7 +61,7 @@ def people_of_labels(
 
 
 def _of_parts(read: Callable[[Labels], Tracks], labels: Labels, prefixes: list[str]) -> Tracks:
-    """One person whose parts have prefixes of their own."""
+    """Tracks of one person whose parts have prefixes of their own."""
     return _told(read(labels), f"labels with {shown(prefixes)} before the colon taken as one person's")
 
 
@@ -71,13 +71,16 @@ def _told(tracks: Tracks, clause: str) -> Tracks:
 
 
 def subject_of(people: People, name: str) -> Tracks:
-    """One subject by its name. Of several, its report tells which it is."""
+    """Tracks of one subject by its name; if there are several, the report says which it is."""
     tracks = people[name]()
     return tracks if len(people) == 1 else _told(tracks, f"subject {name} of {', '.join(people)}")
 
 
 def one_of(people: People, subject: str | None) -> Tracks:
-    """One subject: the one that is wanted, or the first that can be read, with a warning that names the others."""
+    """Tracks of the subject that is wanted, or of the first that can be read, with a warning that names the others.
+
+    Raises an InputError if the subject is not in the file or none can be read.
+    """
     names = list(people)
     if subject is not None:
         alike = [name for name in people if name.lower() == subject.lower()]
@@ -109,7 +112,7 @@ def one_of(people: People, subject: str | None) -> Tracks:
 
 
 def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[str]]) -> dict[str, Labels]:
-    """Subjects by name, in the order of the file, the incomplete ones that are named alike too; empty where labels name none."""
+    """Labels of the subjects by name, in the file's order, also of incomplete ones that are named in the same way; may be empty."""
     groups: dict[Affix, Labels] = {}
     for label in labels:
         for sign in [*SIGN.finditer(label)][:16]:
@@ -119,7 +122,7 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
             if head and tail and (between or tail[0].isdigit()):
                 groups.setdefault(("after", between + tail), {})[head] = label
     whole = {key for key, group in groups.items() if len(group) >= FEWEST_LABELS and not lacking(tuple(group))}
-    # Without a complete subject two prefixes before a colon are two incomplete ones where they share points.
+    # Without a complete subject, prefixes before a colon are those of incomplete ones if they share points.
     manners = {_manner(key) for key in whole} or {("before", ":")}
     alike = [key for key in groups if _manner(key) in manners]
     times = Counter(point for key in whole or alike for point in groups[key])
@@ -138,7 +141,7 @@ def subjects(labels: Sequence[str], lacking: Callable[[Sequence[str]], Sequence[
 
 
 def _manner(affix: Affix) -> Affix:
-    """Where an affix stands and what is between it and the point."""
+    """The side on which an affix stands, and the signs between it and the point's name."""
     kind, text = affix
     match = re.search(rf"[{re.escape(SIGNS)}]*\Z" if kind == "before" else rf"\A[{re.escape(SIGNS)}]*", text)
     return kind, match[0] if match else ""

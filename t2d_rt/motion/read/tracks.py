@@ -1,4 +1,4 @@
-"""Joints of one person as a reader finds them, on their way to a `Motion`."""
+"""Values that readers of files return: the joints of one person before they become a `Motion`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from t2d_rt.motion.skeletons import Flavour
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Times:
-    """When a file says that its frames were taken."""
+    """The times at which a file says that its frames were taken."""
 
     values: np.ndarray
-    """(T,), in `unit_s`."""
+    """Times (T,) in the unit `unit_s`."""
     name: str
     """What the file calls them."""
     unit_s: float | None
-    """None where the file does not say."""
+    """The unit [s]; None if the file does not tell it."""
     rate_name: str = "its rate"
     """What the file calls the rate that it states."""
 
@@ -30,9 +30,9 @@ class FileSkeleton:
 
     flavour: Flavour
     matched: bool
-    """Whether names and form gave the flavour, which is none of those that are known."""
+    """Whether the flavour was matched by names and form, because none of the known ones fits."""
     rest: dict[str, np.ndarray]
-    """The pose without rotations, points (1, 3) by canonical name."""
+    """Positions (1, 3) by canonical name in the pose without rotations."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,20 +42,20 @@ class Tracks:
     form: str
     """What the file was read as."""
     points: dict[str, np.ndarray]
-    """Positions (T, 3), NaN where missing; the limbs' joints at least."""
+    """Positions (T, 3) by canonical name, NaN where missing; it has the limbs' joints at least."""
     rate_hz: float
     turned: dict[str, np.ndarray] = field(default_factory=dict)
     """Global orientations x, y, z, w (T, 4) of the same joints; empty where the file holds positions alone."""
     times: Times | None = None
     """When the frames were taken, where the file says so."""
     start_s: float = 0.0
-    """When on the file's clock the first frame is that is left of it [s]."""
+    """Time on the file's clock of the first frame that is kept [s]."""
     rate_assumed: bool = False
     """Whether the rate is the format's usual one, which the file does not give."""
     clauses: tuple[str, ...] = ()
     """What was assumed and done, in clauses for the report."""
     unit_m: float | None = None
-    """The format's own unit [m]; None is found from the body."""
+    """The format's own unit [m]; if None, the unit is found from the body."""
     up: Up | None = None
     """The format's own upward axis."""
     up_certain: bool = True
@@ -73,7 +73,7 @@ class Tracks:
         return np.stack(list(self.points.values()), axis=1)
 
     def at(self, frames: slice | np.ndarray) -> Tracks:
-        """Some of the frames."""
+        """The tracks at some of the frames."""
         points, turned = ({name: track[frames] for name, track in kind.items()} for kind in (self.points, self.turned))
         return replace(self, points=points, turned=turned)
 
@@ -82,9 +82,9 @@ class Tracks:
         return replace(self.at(slice(start, stop)), start_s=self.start_s + start / self.rate_hz)
 
     def without(self, lost: np.ndarray) -> Tracks:
-        """No positions in the frames that are lost (T,)."""
+        """The tracks with NaN as positions in the `lost` frames (T,)."""
         return replace(self, points={n: np.where(lost[:, None], np.nan, track) for n, track in self.points.items()})
 
     def saying(self, *clauses: str) -> Tracks:
-        """With further clauses for the report."""
+        """The tracks with further clauses for the report."""
         return replace(self, clauses=(*self.clauses, *clauses))
