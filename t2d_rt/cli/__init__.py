@@ -44,12 +44,13 @@ COMMANDS = {
     "export": ("recordings", "FILE", "Writes a result as one file for MATLAB (.mat), HDF5 (.h5), NetCDF (.nc) or NumPy (.npz)."),
     "list": ("recordings", "[WHAT]", "Lists names that the commands take: presets, scenes, bodies, movers and motions."),
 }  # fmt: skip
-"""Modules of the commands' functions, the word that follows each, and what it does."""
+"""For each command the module of its function, the word that follows it, and what it does."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; 0 when it is done (1 where its --strict says so, 3 where samples failed), 2 with one sentence when the input
-    cannot be used, 130 on Ctrl-C, 143 on SIGTERM."""
+    """Runs one command and returns its exit code: 0 when it is done (1 where its --strict says so, 3 where samples failed), 2 with
+    one sentence when the input cannot be used, 130 on Ctrl-C, 141 where nobody reads the output; on SIGTERM the process exits with
+    143."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     # Pictures are drawn in memory; matplotlib would refuse to load where this names a backend that it does not know.
     os.environ["MPLBACKEND"] = "agg"

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from t2d_rt.noise.background import BackgroundRecord
 
 WORDS = {"simulate": 0, "train": 1, "sample": 1, "evaluate": 2}
-"""Verbs, each with how many names follow it."""
+"""The verbs, each with the number of names that follow it."""
 ROOMS = 36
-"""Empty rooms that the default is learned from: those of the seeds 0 to 35."""
+"""Number of empty rooms that the default is learned from: those of the seeds 0 to 35."""
 
 
 def background(

@@ -18,9 +18,9 @@ TAKES = {
     "split": {"output", "overwrite", "fractions", "apart", "leave_out", "folds", "seed"},
     "export": {"output", "overwrite", "to", "split", "products", "dynamic_range_db"},
 }
-"""What is done with a recipe or a folder beside making it, and the options of each."""
+"""What can be done with a recipe or a folder beside making a data set, and the options that each takes."""
 MAKING = {"output", "limit", "workers", "scheduler", "threads"}
-"""Options of a run."""
+"""Options that the making of a data set takes."""
 SOME_FAILED, UNSOUND = 3, 1
 """Exit codes where samples failed, and where a folder is not as it was written."""
 SHOWN_FAILURES = 5
@@ -39,7 +39,7 @@ def dataset(
     files: the recipe, by name or as a file (.yaml); or show RECIPE INDEX, list, or one of check, summary, split and export with a
         folder.
     output: folder of the data set; one of the same recipe is completed. Of summary, split and export what they write.
-    limit: the first so many samples, which are balanced over the classes.
+    limit: number of samples to make, the first ones, which are balanced over the classes.
     workers: processes of this machine; by default one for each core.
     scheduler: a cluster of dask.distributed: local:N processes, or an address as tcp://host:8786.
     threads: threads of each worker; by default they share the cores out.
@@ -51,7 +51,7 @@ def dataset(
     apart: of split: what is on one side only, of description, clip, seed and subject; by default the first three.
     leave_out: of split: whether samples are left out that would put one source clip on two sides; without it samples that share a
         clip stay together.
-    folds: of split: so many folds, a file each, in place of one split.
+    folds: of split: number of folds, a file each, in place of one split.
     seed: of split: its seed; 0 by default.
 
     examples:

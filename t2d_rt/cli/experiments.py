@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from t2d_rt.types import Radar
 
 RUN = "tolerance_db", "measure_error", "split", "device", "memory_gb"
-"""Options beside an experiment that go to `run` by their names."""
+"""Options that are not part of an experiment and go to `run` by their names."""
 SIMPLER = {
     "scene": str,
     "material": str | None,
@@ -33,14 +33,14 @@ SIMPLER = {
     "only_paths": list[str] | None,
     "without_paths": list[str] | None,
 }
-"""Types of fields that are more than one word in an experiment."""
+"""Types that an option takes for fields that may also hold structured values in an experiment."""
 OF_SCENE = "scene_material", "scene_units", "scene_up"
 FIELD = re.compile(r"\s*[A-Za-z_]+\s*=")
 """A word of an entry of --add that gives a field; anything else belongs to the name of the file."""
 
 
 def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
-    """An option for each field of `Experiment`, of a `MotionFile`, of `Radar` and of `Accuracy`, and for those of a run."""
+    """Adds an option for each field of `Experiment`, of a `MotionFile`, of `Radar` and of `Accuracy`, and for those of a run."""
     from argparse import SUPPRESS
 
     from t2d_rt.experiment.experiment import Experiment
@@ -83,7 +83,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
     )
     title = "accuracy (a tolerance chooses the fields that are not given)"
     group = command.parser.add_argument_group(title)
-    # Tiers check themselves. What is not given is no value at all, as a tolerance chooses it.
+    # Tiers check themselves. A field that is not given has no value at all, because a tolerance chooses it.
     defaults = {name: field.default for name, field in Accuracy.model_fields.items()}
     help_texts = {
         name: f"{Accuracy.model_fields[name].description} By default it is {json.dumps(value)}."
@@ -98,7 +98,7 @@ def experiment(command: Command, *, skip: tuple[str, ...] = ()) -> None:
 
 
 def radar(command: Command) -> None:
-    """An option for each field of a radar; --radar itself is one of the words that come before the parser's."""
+    """Adds an option for each field of a radar; --radar itself is one of the words that come before the parser's."""
     from t2d_rt.types import Radar
     from t2d_rt.types.radar import preset_names
 
@@ -107,7 +107,7 @@ def radar(command: Command) -> None:
         "that of a TI device. These options override its fields."
     )
     group, default = command.parser.add_argument_group("radar", description), Radar.preset("table2").model_dump()
-    # A pattern is several fields, which the radar itself checks.
+    # A pattern has several fields, which the radar itself checks.
     patterns: Given = {name: dict[str, Any] for name, value in default.items() if isinstance(value, dict)}
     patterns["track"] = str | dict[str, Any] | None
     _fields(command, Radar, hints=patterns, defaults=default, prefix="radar.", group=group)
@@ -115,7 +115,7 @@ def radar(command: Command) -> None:
 
 
 def of_scene(command: Command, group: Any = None) -> None:
-    """Substitutes for materials of the scene, and how a mesh lies."""
+    """Adds the options for substitutes of the scene's materials, and for unit and upward axis of a mesh."""
     help_text = (
         "Substitutes for materials of the scene that have no values at the radar's frequency or are not known, as brick=concrete, "
         "or materials of a mesh's objects, as 'door=wood 0.04'; several with commas between them."
@@ -138,7 +138,7 @@ def _fields(
     prefix: str = "",
     group: Any = None,
 ) -> None:
-    """An option for each field of a model; its help is the field's docstring, unless `help_texts` has one."""
+    """Adds an option for each field of a model; its help is the field's docstring, unless `help_texts` has one."""
     kinds = {name: _listed(kind) for name, kind in get_type_hints(model).items()} | dict(hints or {})
     for name, field in model.model_fields.items():
         if name in skip:
@@ -149,7 +149,7 @@ def _fields(
 
 
 def _listed(kind: Any) -> Any:
-    """The type itself, or that of a list where it is a tuple of texts."""
+    """The type itself, or a list of texts in place of a tuple of texts."""
     return list[str] if kind == tuple[str, ...] else kind
 
 
@@ -168,13 +168,14 @@ class Job:
 
     experiment: Experiment | Recording
     accuracy: Given
-    """Fields of `Accuracy` that are given."""
+    """Fields of `Accuracy` that were given."""
     run: Given
-    """Options of `RUN` that are given."""
+    """Options of `RUN` that were given."""
 
     @classmethod
     def of(cls, source: str, given: Given) -> Job:
-        """From a motion file and the options that describe an experiment, or from an experiment (.yaml) or a recording (.zarr)."""
+        """A job from a motion file and the options that describe an experiment, or from an experiment (.yaml) or a recording
+        (.zarr)."""
         from t2d_rt.experiment.experiment import Experiment
         from t2d_rt.recording.recording import Recording
 
@@ -189,7 +190,7 @@ class Job:
 
     @classmethod
     def of_values(cls, values: Given, path: Path, given: Given) -> Job:
-        """From what an experiment's file holds, and options of the accuracy and the run."""
+        """A job from what an experiment's file holds, and from options of the accuracy and the run."""
         from t2d_rt.experiment.experiment import Experiment
 
         _check_no_more(path, given)
@@ -202,12 +203,12 @@ class Job:
 
 
 def _beside_run(given: Given) -> Given:
-    """Options that are those of an experiment."""
+    """Those of the given options that belong to an experiment."""
     return {name: value for name, value in given.items() if name not in (*RUN, "accuracy")}
 
 
 def _check_no_more(path: Path, given: Given) -> None:
-    """Refuses options of an experiment beside the file of one, or of a recording."""
+    """Refuses options of an experiment that are given beside an experiment's file or a recording."""
     for name, value in _beside_run(given).items():
         option = f"{name}.{next(iter(value))}" if isinstance(value, dict) else name
         if path.suffix.lower() == ".zarr":
@@ -217,7 +218,7 @@ def _check_no_more(path: Path, given: Given) -> None:
 
 
 def experiment_values(path: Path) -> Given:
-    """What the file of an experiment holds."""
+    """What the file of an experiment holds; raises InputError for the file of a radar or of options."""
     values = read_yaml(path, noun="experiment", example="targets, radar and scene")
     if (kind := yaml_kind(values)) in ("radar", "options"):
         content = "the fields of a radar" if kind == "radar" else "options of the command line"
@@ -232,7 +233,7 @@ def is_experiment(source: Path) -> bool:
 
 
 def fields_of(source: str, given: Given) -> Given:
-    """Fields of the experiment of a motion file."""
+    """Fields of the experiment that simulates a motion file with these options."""
     from t2d_rt.experiment.sources import MotionFile
 
     given = dict(given)
@@ -258,14 +259,14 @@ def fields_of(source: str, given: Given) -> Given:
 
 
 def radar_of(given: Given) -> Radar:
-    """The radar of the options."""
+    """The radar that the options describe; table2 where none is given."""
     from t2d_rt.types import Radar
 
     return Radar.preset("table2", **given.get("radar", {}))
 
 
 def target_of(entry: str | Mapping[str, Any]) -> Mover | MotionFile | None:
-    """What an entry of --add names: a mover, or a further person; None where it is "none"."""
+    """The target that an entry of --add names, a mover or a further person; None where the entry is "none"."""
     from t2d_rt.experiment.sources import MotionFile
     from t2d_rt.scene.movers import mover, parsed, with_words
 
@@ -280,13 +281,13 @@ def target_of(entry: str | Mapping[str, Any]) -> Mover | MotionFile | None:
         return mover(entry)
     words = rest.split(",")
     _, _, fields = parsed(f"person:{','.join(word for word in words if FIELD.match(word))}")
-    # What is no field is the file's name as it stands: names may hold commas and spaces.
+    # All words that give no field are the file's name: names may hold commas and spaces.
     file = ",".join(word for word in words if not FIELD.match(word)).strip()
     return MotionFile(**with_words(entry, "file", file, fields))
 
 
 def scene_options(given: Given) -> Given:
-    """What is given of a scene beside its file, by the names of `load_scene`."""
+    """The given options of a scene beside its file, by the names that `load_scene` has for them."""
     materials: dict[str, str] = {}
     for substitution in (word for text in given.get("scene_material") or () for word in text.split(",")):
         name, _, substitute = (part.strip() for part in substitution.partition("="))

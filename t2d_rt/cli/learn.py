@@ -1,4 +1,4 @@
-"""`t2d-rt train`, `evaluate`, `predict`: a classifier from a data set, how well it does, what a person does in a recording."""
+"""`t2d-rt train`, `evaluate`, `predict`: trains a classifier, tests it, and tells what a person does in a recording."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 
 PICTURES = "confusion.png", "reliability.png"
 ROUNDED_MPS = 1e-6
-"""Rounding of the speeds of a card [m/s]."""
+"""Difference [m/s] by which the speeds of a card may be rounded."""
 
 
 def training(command: Command) -> None:
-    """An option for each field of `TrainOptions` but the changes of samples, which have names of their own."""
+    """Adds an option for each field of `TrainOptions` but the changes of samples, which have options of their own."""
     from t2d_rt.learn import TrainOptions
 
     help_texts = {name: field.description or "" for name, field in TrainOptions.model_fields.items()}
@@ -118,7 +118,7 @@ def train(
 
 
 def _sides(dataset: Dataset, by: str | None, split: str | None, seed: int) -> dict[str, np.ndarray]:
-    """Positions of the samples of train, val and test."""
+    """Positions of the samples of train, val and test in the data set, an array each."""
     from t2d_rt.dataset import read_split
     from t2d_rt.dataset.splits import NAMES, sides_of
 
@@ -134,7 +134,7 @@ def _sides(dataset: Dataset, by: str | None, split: str | None, seed: int) -> di
 
 
 def _about(dataset: Dataset, parts: Mapping[str, np.ndarray], by: str) -> dict[str, Any]:
-    """What the card tells of the data, for evaluation and prediction to compare with."""
+    """What the card says about the training data, for evaluation and prediction to compare with."""
     from t2d_rt.signal.doppler import checked_windows
 
     recipe, training_places = dataset.recipe, np.concatenate([parts["train"], parts["val"]])
@@ -219,7 +219,7 @@ def evaluate(
 
 
 def _networks(model: str) -> Ensemble:
-    """Networks by their folders; a folder that has a comma in its name is one."""
+    """The networks in the named folders; a folder that has a comma in its name is one."""
     from t2d_rt.learn import Ensemble, load_model
 
     folders = [model] if Path(model).is_dir() else [folder.strip() for folder in model.split(",")]
@@ -227,7 +227,7 @@ def _networks(model: str) -> Ensemble:
 
 
 def _windows_and_events(source: str, networks: Ensemble) -> tuple[str, np.ndarray, np.ndarray]:
-    """What is tested, and probabilities and labels of the windows of a recording; tells of its events."""
+    """Name of what is tested, and probabilities and labels of the windows of a recording; prints the scores of its events."""
     from t2d_rt.learn.prediction import events_of, labels_of_windows
     from t2d_rt.learn.prediction import predict as predicted
     from t2d_rt.learn.scores import event_scores
@@ -256,8 +256,8 @@ def _windows_and_events(source: str, networks: Ensemble) -> tuple[str, np.ndarra
 
 
 def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps, str]:
-    """Maps on the axes of networks with labels of their classes, and what they are: of a data set that they were trained on, the
-    samples that all of them kept apart."""
+    """Maps on the axes of networks with labels of their classes, and a text about them; of a data set that the networks were
+    trained on, the samples that all of them kept apart."""
     from t2d_rt.dataset import Dataset
     from t2d_rt.dataset.shards import RECIPE
     from t2d_rt.learn import maps_of
@@ -272,7 +272,7 @@ def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps
             dynamic_range_db=card.dynamic_range_db,
         )  # fmt: skip
         real = read_real(source, options=axes)
-        maps = real.maps.resized(card.size, (low, high))  # of what has axes of its own
+        maps = real.maps.resized(card.size, (low, high))  # some maps have axes of their own
         _check_like(source, maps, real.mti, card)
         if real.assumed:
             warn(
@@ -310,7 +310,7 @@ def _labelled(source: str, networks: Ensemble, model: str) -> tuple[LabelledMaps
 
 
 def _kept_apart(card: Card, folder: str) -> list[int]:
-    """Indices of the samples that were kept apart for the test."""
+    """Indices of the samples that were kept apart for the test; raises InputError where the card does not tell them."""
     try:
         indices = [int(index) for index in card.about["indices"]["test"]]
     except (KeyError, TypeError, ValueError):
@@ -324,8 +324,8 @@ def _kept_apart(card: Card, folder: str) -> list[int]:
 
 
 def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
-    """Lowest and highest speed [m/s]: those of the training where the data set covers them and hardly more, else its own, which may
-    be refused."""
+    """Lowest and highest speed [m/s]: those of the training where the data set covers them and hardly more, else the data set's
+    own, which may be refused."""
     from t2d_rt.dataset.products import edges
     from t2d_rt.learn.maps import LEAST_SHARED, shared_speeds
 
@@ -337,7 +337,7 @@ def _speeds_of(dataset: Dataset, card: Card) -> tuple[float, float]:
 
 
 def _check_like(source: str, maps: LabelledMaps, mti: str | None, card: Card) -> None:
-    """Refuses maps of other classes, speeds, duration or treatment of static echoes than those of the training."""
+    """Refuses maps whose classes, speeds, duration or treatment of static echoes are not those of the training."""
     unknown = [name for name in maps.classes if name not in card.classes]
     if unknown:
         raise InputError(
@@ -427,7 +427,7 @@ def predict(
 
 
 def _one(words: list[str] | None, command: str, what: str) -> str:
-    """The only bare word of a command."""
+    """The only bare word of a command; raises InputError if there is none, or more than one."""
     if not words or len(words) != 1:
         given = " ".join(words or ()) or "nothing"
         raise InputError(f"{command} takes {what}, got {given}; t2d-rt {command} --help shows examples")
@@ -435,13 +435,13 @@ def _one(words: list[str] | None, command: str, what: str) -> str:
 
 
 def _mti_of(dataset: Dataset) -> str | None:
-    """How static echoes were taken away from the spectrograms of a data set."""
+    """The MTI filter of a data set's spectrograms; None if it has no spectrograms."""
     spectrogram = dataset.recipe.products.spectrogram
     return None if spectrogram is None else spectrogram.mti
 
 
 def _write_scores(folder: Path, scores: Scores, classes: tuple[str, ...], title: str, *, overwrite: bool) -> None:
-    """Confusion and reliability as pictures."""
+    """Writes confusion and reliability as pictures."""
     from t2d_rt.learn.figures import confusion_figure, reliability_figure
 
     title = f"{title}, accuracy {100 * scores.accuracy:.0f} %"

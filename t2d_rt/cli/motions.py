@@ -1,4 +1,4 @@
-"""`t2d-rt motion`, `describe`, `check-motion`, `library`: motion files, descriptions of them, what they are made of."""
+"""`t2d-rt motion`, `describe`, `check-motion`, `library`: motion files, descriptions, and the clips that motions are made of."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ LONGEST_NAME = 40
 STEP_FIELDS = {
     "action", "manner", "direction", "speed", "body_part", "object", "type", "side", "count", "duration_s",
 }  # fmt: skip
-"""Slots of a step."""
+"""Slots of a step that `t2d-rt motion` prints."""
 FEWER = 1
 """Exit code where fewer descriptions were written than asked for."""
 MOST_ROWS = 64
-"""Motions on one contact sheet; more make a picture that nobody can look through."""
+"""Greatest number of motions on one contact sheet; nobody can look through a picture of more."""
 DEEP_M = 0.05
-"""Depth of the skin in the floor from which it is told: files know their floor to some centimetres, flesh gives way."""
+"""Depth [m] of the skin below the floor from which it is reported: files know their floor to some centimetres, flesh gives way."""
 TOLD = "assumed", "turned level", "tilted by", "inclines", "never move", "root motion"
-"""Words of a motion's report that the verdict hangs on: a wrong rate is a wrong speed."""
+"""Words of a motion's report on which the verdict depends: a wrong rate is a wrong speed."""
 
 
 # --- motion ---------------------------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ def motion(
 
 
 def _words(step: Step) -> str:
-    """A step's slots in words."""
+    """The slots of a step in words."""
     values = step.model_dump(include=set(type(step).model_fields) & STEP_FIELDS, exclude_defaults=True)
     action = values.pop("action").replace("_", " ")
     slots = (f", {name.replace('_', ' ')} {str(value).replace('_', ' ')}" for name, value in values.items())
@@ -101,7 +101,7 @@ def _words(step: Step) -> str:
 
 
 def _stem(sentence: str) -> str:
-    """A file name of a sentence's words."""
+    """A file name made of a sentence's words."""
     words = "_".join(re.findall(r"[a-z0-9]+", sentence.lower()))
     if not words:
         raise InputError("a sentence has words; write what a person does, as 'a person walks forward'")
@@ -188,7 +188,7 @@ def describe(
 
 
 def activities_of(names: str) -> list[Activity]:
-    """The classes that a text names, with dashes, underscores or spaces, in the paper's words too ("normal walking").
+    """The classes that a text names, with dashes, underscores or spaces, also in the paper's words ("normal walking").
 
     >>> activities_of("Normal walking, abnormal-walking")
     ['walking', 'abnormal_walking']
@@ -214,7 +214,7 @@ def _by_model(
     requests: int | None,
     tokens: int | None,
 ) -> tuple[list[Description], str]:
-    """Descriptions of a class by a language model, and why there are fewer than asked for, if there are."""
+    """Descriptions of a class by a language model, and a sentence that says why there are too few, or an empty text."""
     from t2d_rt.core.progress import ProgressBar
     from t2d_rt.motion.descriptions.language_model import LanguageModel, TokenBudget, model_descriptions
 
@@ -270,7 +270,7 @@ def check_motion(
     for path in map(Path, files):
         try:
             loaded = load_motion(path, **motion)
-        except InputError as error:  # of one file, whose line says why; the others are judged
+        except InputError as error:  # a line says why; the other files are judged
             say(f"t2d-rt: {' '.join(str(error).split())}", file=sys.stderr)
         else:
             judged.append((path, loaded, checked(loaded, expected=class_)))

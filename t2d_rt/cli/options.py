@@ -18,16 +18,16 @@ from t2d_rt.core.errors import InputError
 from t2d_rt.core.files import load_yaml, read_yaml
 
 Given = dict[str, Any]
-"""Options of a group by their names: those alone whose values differ from the defaults."""
+"""Values of a group's options by their names; only those that differ from the defaults."""
 
 SHORT = {"output": "-o", "count": "-n"}
 NO_OPTIONS = "varied", "radar_is_named"
-"""Parameters that are no options: what a sweep varies, and whether a radar is named at all."""
+"""Parameters that are not options: what a sweep varies, and whether a radar is named at all."""
 COMMON = {
     "file": "The file, or a name; the word --file may be left out.",
     "overwrite": "Whether what is there under that name is replaced; without it an existing one is an error.",
 }
-"""Help of options that many commands have."""
+"""Help texts of options that many commands have."""
 ENTRY = re.compile(r"^( *)(\w+): (.*(?:\n\1 +\S.*)*)", flags=re.MULTILINE)
 """A parameter's entry in a docstring: "name: text", with all further lines that are indented more than the name."""
 PLAIN_TYPES = {
@@ -41,11 +41,11 @@ PLAIN_TYPES = {
     "<class 'dict'>": "a mapping such as {kind: fan, position_m: [2, 1, 1]}",
     "<class 'NoneType'>": "null",
 }
-"""Types as the parser names them, in words of its users."""
+"""Plain words for the types that the parser names."""
 
 
 class Command:
-    """A command: the function that it calls, and the parser of its options."""
+    """A command of the program: the function that it calls, and the parser of its options."""
 
     def __init__(self, name: str, function: Callable[..., int | None], noun: str) -> None:
         from argparse import RawDescriptionHelpFormatter
@@ -72,7 +72,7 @@ class Command:
         )
         self.hints: dict[str, Any] = {}
         self.groups: dict[str, list[str]] = {}
-        """Names of the options of each parameter that is a group."""
+        """Names of the options of each parameter that stands for a group of options."""
         help_texts, hints = COMMON | parameter_help(function), get_type_hints(function, include_extras=True)
         for parameter in inspect.signature(function).parameters.values():
             if get_origin(hints[parameter.name]) is Annotated:
@@ -84,24 +84,24 @@ class Command:
                 self.add(option, hints[parameter.name], parameter.default, help_texts[parameter.name])
 
     def add(self, name: str, hint: Any, default: Any, told: str, group: Any = None) -> None:
-        """One option; it is required where its default is empty, and needs no value where it is a bool that is False."""
+        """Adds one option. It is required if its default is empty, and needs no value if it is a bool whose default is False."""
         more: Given = {"required": True} if default is inspect.Parameter.empty else {"default": default}
         more |= {"nargs": "?", "const": True} if hint is bool and default is False else {}
         names = [SHORT[name], f"--{name}"] if name in SHORT else [f"--{name}"]
         told = _one_line(told).replace("%", "%%")
         action = (group or self.parser).add_argument(*names, type=hint, help=told, **more)
-        action.option_strings = names  # without the parser's --name+ for lists, which `words` does not take
+        action.option_strings = names  # leaves out the parser's --name+ for lists, which `words` does not take
         self.hints[name] = hint
 
     def add_fields(
         self, told: dict[str, str], hints: Given, defaults: Given, *, prefix: str = "", group: Any = None
     ) -> None:
-        """An option for each that has a default."""
+        """Adds an option for each name that has a default."""
         for name, default in defaults.items():
             self.add(f"{prefix}{name}", hints[name], default, told[name], group)
 
     def add_config(self) -> None:
-        """--config, and with it --print_config, which the parser adds by itself."""
+        """Adds --config, and with it --print_config, which the parser adds by itself."""
         help_text = "YAML file of options; options on the command line override those in the file."
         self.parser.add_argument("--config", action="config", help=help_text)
         for action in self.parser._actions:
@@ -110,11 +110,11 @@ class Command:
 
     @cached_property
     def default(self) -> Given:
-        """Defaults by the names of the options."""
+        """Default values by the names of the options."""
         return dict(self.parser.get_defaults().items())
 
     def run(self, arguments: Sequence[str]) -> int | None:
-        """Calls the function with what the arguments say."""
+        """Calls the function with what the arguments say; raises InputError for arguments that the parser refuses."""
         from jsonargparse import ArgumentError
 
         varied: dict[str, list[str]] | None = {} if "varied" in inspect.signature(self.function).parameters else None
@@ -123,7 +123,7 @@ class Command:
             options = self.parser.parse_args(words)
         except ArgumentError as error:
             raise InputError(one_sentence(str(error), self.name, self.parser._option_string_actions)) from None
-        except OverflowError:  # of an integer that no float holds
+        except OverflowError:  # an integer that no float holds
             advice = f"an option of {self.name} got a number of more than 300 digits; give it in SI units, as in 77e9"
             raise InputError(advice) from None
         for name, value in options.items():  # the parser takes null in a config file for no value
@@ -147,7 +147,7 @@ class Command:
         """Arguments as the parser wants them: --name_with_underscores=value, a bare word as --file, config files and radars first.
 
         A value may begin with a dash (--motion.up -z). Config files and --radar become texts for --config, so that a radar's fields
-        can be overridden and a preset's name will do, in a config file too. What an option of several values is given becomes one
+        can be overridden and a preset's name will do, in a config file too. The values of an option that takes several become one
         list. Of values that hold a range or alternatives the first is taken, and all are put into `varied`, where it is given.
         """
         actions = self.parser._option_string_actions
@@ -180,7 +180,7 @@ class Command:
                 value = waiting.popleft()
             if value is None and (f"--{name}" in actions or name == "radar"):
                 raise InputError(f"option --{name} needs a value; t2d-rt {self.name} --help lists all")
-            if value is None:  # misspelt, which the parser tells
+            if value is None:  # a misspelt option, which the parser reports
                 value = ""
             if varied is not None and name not in ("vary", "config", "output"):
                 from t2d_rt.cli.sweeps import first_of
@@ -205,7 +205,7 @@ class Command:
 
 
 def _nested(values: Given) -> Given:
-    """Values by dotted names as mappings in mappings."""
+    """Values by dotted names, as mappings within mappings."""
     nested: Given = {}
     for name, value in values.items():
         *outer, last = name.split(".", 1)
@@ -229,7 +229,7 @@ def parameter_help(function: Callable[..., Any]) -> dict[str, str]:
 
 
 def _docstring(function: Callable[..., Any]) -> str:
-    """A function's docstring; `python -OO` drops it, the source still has it."""
+    """A function's docstring, read from the source where `python -OO` has dropped it."""
     if function.__doc__ is not None or not sys.flags.optimize:
         return inspect.getdoc(function) or ""
     tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
@@ -237,7 +237,7 @@ def _docstring(function: Callable[..., Any]) -> str:
 
 
 def defaults_of(function: Callable[..., Any], skip: Collection[str] = ()) -> Given:
-    """Parameters that may be left out, with their defaults."""
+    """Defaults of the parameters that may be left out, by name."""
     parameters = inspect.signature(function).parameters.values()
     return {
         parameter.name: parameter.default
@@ -252,8 +252,8 @@ def _one_line(text: str, width: int | None = None) -> str:
 
 
 def yaml_kind(values: Given) -> str:
-    """What a YAML file describes, by the keys that no other has: an "experiment", a "radar" or "options"; "" if it has none of
-    them."""
+    """What a YAML file describes, by the keys that only one kind has: "experiment", "radar" or "options", or "" if it has none of
+    these keys."""
     marks = {
         "experiment": {"targets"},
         "radar": {"carrier_hz"},
@@ -291,7 +291,7 @@ def _yaml(values: Given | list[str]) -> str:
 
 
 def bounded_yaml(text: str) -> Any:
-    """A value or config as the parser's own loader reads it, within the limits of `load_yaml`."""
+    """A value or a config, read by the parser's own loader within the limits of `load_yaml`."""
     from jsonargparse import get_loader
 
     load_yaml(text)
@@ -299,7 +299,7 @@ def bounded_yaml(text: str) -> Any:
 
 
 def one_sentence(message: str, command: str, options: Collection[str] = ()) -> str:
-    """What the parser found wrong, in plain words."""
+    """What the parser found wrong, in one plain sentence."""
     help_command = f"t2d-rt {command} --help"
     key_match = re.match(r'Parser key "(.+?)":', message)
     value_match = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
@@ -324,7 +324,7 @@ def one_sentence(message: str, command: str, options: Collection[str] = ()) -> s
 
 
 def _plain_type(kind: str) -> list[str]:
-    """The parser's word for a type in words of its users: one, or the values there are."""
+    """Plain words for a type that the parser names: one text, or each of the values that it allows."""
     if kind.startswith("typing.Literal"):
         return re.findall(r"'([^']*)'", kind)
     count = re.match(r"tuple with (\d+) elements", kind)
@@ -332,7 +332,7 @@ def _plain_type(kind: str) -> list[str]:
 
 
 def capture(command: Command, *, radar: bool = True) -> None:
-    """Options of measured samples as `load_recording` takes them; their radar, unless there is one already."""
+    """Adds the options of measured samples that `load_recording` takes, with their radar unless there is one already."""
     from t2d_rt.recording.read import load_recording
 
     hints, defaults, texts = get_type_hints(load_recording), defaults_of(load_recording), parameter_help(load_recording)
@@ -345,21 +345,21 @@ def capture(command: Command, *, radar: bool = True) -> None:
 
 
 def reading(command: Command) -> None:
-    """How a motion file is read."""
+    """Adds the options for reading a motion file."""
     from t2d_rt.motion import load_motion
 
     _of_function(command, load_motion, "motion.", "reading the motion file (what is not given is detected)")
 
 
 def signal(command: Command) -> None:
-    """How a spectrogram is made."""
+    """Adds the options for making a spectrogram."""
     from t2d_rt.signal import spectrogram
 
     _of_function(command, spectrogram, "signal.", "spectrogram")
 
 
 def _of_function(command: Command, function: Callable[..., Any], prefix: str, title: str) -> None:
-    """A group of options, one for each parameter of a function that has a default."""
+    """Adds a group of options, one for each parameter of a function that has a default."""
     group = command.parser.add_argument_group(title)
     hints, help_texts = get_type_hints(function), parameter_help(function)
     command.add_fields(help_texts, hints, defaults_of(function), prefix=prefix, group=group)

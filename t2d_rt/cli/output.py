@@ -1,4 +1,4 @@
-"""What the commands print and write, whole or not at all, and the signals that stop them."""
+"""What the commands print and write, whole files or none, and the signals that stop them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ PICTURES = ".png", ".pdf", ".svg"
 
 
 def say(text: object, *, file: TextIO | None = None) -> None:
-    """Prints what may hold names and texts of a user's files: nothing in them reaches the terminal as a command to it."""
+    """Prints a text that may hold names and texts of a user's files, so that nothing in them acts as a command to the terminal."""
     print(printable(str(text)), file=file)
 
 
@@ -34,24 +34,24 @@ def stem_of(source: Path) -> str:
 
 
 def check_picture(picture: Path, *, overwrite: bool) -> None:
-    """Refuses a name for a picture that is no picture's, is taken, or cannot be written."""
+    """Raises InputError if the name of a picture does not end as one, is taken, or cannot be written."""
     check_file(picture, "a picture", *PICTURES, overwrite=overwrite)
 
 
 def write_picture(figure: Figure, picture: Path, *, overwrite: bool) -> None:
-    """Writes a figure whole or not at all."""
+    """Writes a figure to a file, whole or not at all."""
     with writing(picture, overwrite=overwrite) as temporary:
         figure.savefig(temporary)
 
 
 def write_text(text: str, place: str | Path, *, overwrite: bool) -> None:
-    """Writes a text whole or not at all."""
+    """Writes a text to a file, whole or not at all."""
     with writing(Path(place), overwrite=overwrite) as temporary:
         temporary.write_text(text, encoding="utf-8")
 
 
 def made_folder(place: str | Path) -> Path:
-    """A folder that is there now."""
+    """The folder of that name, which is made if it is not there; raises InputError if the name is that of a file."""
     folder = Path(place)
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is no folder; choose another name")
@@ -65,8 +65,8 @@ def _refused(*_: Any, **__: Any) -> None:
 
 @contextmanager
 def stopped_by_sigterm() -> Iterator[None]:
-    """SIGTERM, as batch systems and containers send it, leaves as little behind as Ctrl-C. An exception would be lost where one
-    cannot be raised, as in a finalizer."""
+    """Makes SIGTERM, as batch systems and containers send it, leave as little behind as Ctrl-C. It raises no exception, which would
+    be lost where none can be raised, as in a finalizer."""
 
     def stop(*_: Any) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough: what follows is tidying up
@@ -75,13 +75,13 @@ def stopped_by_sigterm() -> Iterator[None]:
         vars(os)["mkdir"] = _refused
         filled = [f"what is finished in {lock.parent} stays" for lock in LOCKS]
         written = ", ".join([*(f"{path} was written" for path in abandon()), *filled]) or "nothing was written"
-        with suppress(RuntimeError, OSError):  # it may have come amidst a print
+        with suppress(RuntimeError, OSError):  # the signal may have come amidst a print
             sys.stdout.flush()
         with suppress(RuntimeError, OSError):
             print(printable(f"t2d-rt: stopped; {written}"), file=sys.stderr, flush=True)
         os._exit(143)
 
-    in_main = threading.current_thread() is threading.main_thread()  # only there signals arrive
+    in_main = threading.current_thread() is threading.main_thread()  # signals arrive only there
     if not in_main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
         return

@@ -1,4 +1,4 @@
-"""`t2d-rt compare`, `plot`, `view`, `export`, `info`, `scene`, `list`: what there is, drawn, told and written."""
+"""`t2d-rt compare`, `process`, `plot`, `view`, `export`, `scene`, `info`, `list`: recordings and files, drawn, told and written."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
     from t2d_rt.types import Radar
 
 RECORDINGS = ".zarr", ".npy", ".bin"
-"""Endings of recordings, as `compare` tells them from motion files."""
+"""Endings by which `compare` tells recordings from motion files."""
 OF_INTERVAL = "range_doppler", "range_angle"
 """Maps of one coherent interval."""
 KINDS = "presets", "scenes", "bodies", "movers", "motions"
 
 
 def refuse(given: Collection[str], told: str) -> None:
-    """Refuses options that were given and would have no effect: `told` says of what they are, and what there is."""
+    """Raises InputError for options that would have no effect: `told` says what they belong to, and what there is instead."""
     for name in given:
         raise InputError(f"option {name} is of {told}; leave it out")
 
@@ -142,11 +142,12 @@ def process(
 
 
 FEWEST_LOOPS = 8
-"""Loops of a burst below which its own Doppler axis shows nothing."""
+"""Number of loops of a burst below which its own Doppler axis shows nothing."""
 
 
 def _one_of_each_burst(recording: Recording) -> Recording:
-    """A recording of bursts too short for a Doppler axis as one of their means, whose axis is that of the bursts' rate."""
+    """The recording itself, or, if its bursts are too short for a Doppler axis, one of their means, whose axis is that of the
+    bursts' rate."""
     from t2d_rt.recording.recording import Recording as Made
     from t2d_rt.signal.vital import slow_time
 
@@ -163,7 +164,7 @@ def _one_of_each_burst(recording: Recording) -> Recording:
 
 
 def _both(files: list[Path], given: Given, capture: Given, signal: Given, radar_is_named: bool) -> list[Recording]:
-    """Two recordings, measured ones with the radar that is given, and spectrograms by the options that are."""
+    """Two recordings, measured ones read with the given radar, with spectrograms made by the given options."""
     from t2d_rt.recording.read import load_recording
 
     measured = [file for file in files if file.suffix.lower() != ".zarr"]
@@ -205,7 +206,7 @@ def plot(
     dynamic_range_db: span of the colours below the peak [dB]; 50 by default.
     limits_db: least and greatest level of the colours [dB re 1 W] instead, as [-140, -90].
     width_in: width of the picture [inch]: 3.5 for a column of a paper, 7 for its width, which is the default of most maps.
-    poses: so many bodies above a map of parts, in the colours of their limbs.
+    poses: number of bodies above a map of parts, in the colours of their limbs.
     stacked: whether a map of parts has a spectrogram for each part instead, all on one scale.
     animate: whether body, room and spectrogram are animated, as a .gif, or an .mp4 where ffmpeg is there.
     width_px: width of an animation [pixel]; 800 by default.
@@ -392,7 +393,7 @@ def info(file: str, *, motion: Reading) -> None:
     from t2d_rt.experiment.catalog import motion_path
 
     source = Path(file)
-    with suppress(OSError, ValueError):  # no folder, or one that may only be read: what follows says so
+    with suppress(OSError, ValueError):  # not a folder, or one that may only be read, which what follows reports
         settle(source)
     source = source if source.exists() else motion_path(source)
     if not source.exists():
@@ -420,7 +421,7 @@ def info(file: str, *, motion: Reading) -> None:
 
 
 def _yaml_rows(source: Path) -> Given:
-    """What a radar resolves; or the targets of an experiment and its other fields."""
+    """The rows of a radar's file, or the targets of an experiment and its other fields."""
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.types import Radar
 
@@ -444,7 +445,7 @@ def _rows(rows: Given) -> str:
 
 
 def _radar_rows(radar: Radar) -> Given:
-    """What a radar resolves."""
+    """What a radar resolves, by its label."""
     return {
         "mid-sweep frequency": f"{radar.mid_frequency_hz / 1e9:.4f} GHz",
         "bandwidth": f"{radar.bandwidth_hz / 1e9:.4f} GHz",
@@ -524,7 +525,7 @@ def _movers() -> Iterator[tuple[str, str]]:
     for name in kind_names():
         try:
             kind = kind_named(name)
-        except InputError as error:  # of one package, which hides no other
+        except InputError as error:  # one package's error must not hide the others
             yield name, str(error)
             continue
         about = " ".join((kind.__doc__ or "").split("\n\n")[0].split())

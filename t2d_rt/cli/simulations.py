@@ -1,4 +1,4 @@
-"""`t2d-rt simulate`, `plan`, `paths`: what an experiment gives, would take, and sees over which paths."""
+"""`t2d-rt simulate`, `plan`, `paths`: what an experiment gives, what it would take, and over which paths its targets are seen."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from t2d_rt.types import Accuracy, Radar
 
 CHECKED_CHIRPS = 2**16
-"""Longest silence on which the options of a spectrogram are tried."""
+"""Greatest number of chirps of the silence on which the options of a spectrogram are tried."""
 
 
 class _Said(logging.Handler):
-    """Prints what readers found, each once."""
+    """A handler that prints each message of the readers once."""
 
     def __init__(self) -> None:
         super().__init__(logging.INFO)
         self._before: set[str] = set()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Prints one sentence to the screen."""
+        """Prints the sentence of a record, unless it was printed before."""
         text = record.getMessage()
         if text not in self._before:
             self._before.add(text)
@@ -44,7 +44,7 @@ class _Said(logging.Handler):
 
 @contextmanager
 def reports_said() -> Iterator[None]:
-    """Reports of motion files and of rooms' meshes are printed as they are read."""
+    """Prints the reports on motion files and on rooms' meshes as they are read."""
     loggers, handler = [logging.getLogger(f"t2d_rt.{package}") for package in ("motion", "scene")], _Said()
     levels = [logger.level for logger in loggers]
     for logger in loggers:
@@ -153,7 +153,7 @@ def several(source: Path, values: Given, given: Given, signal: Given, target: Pa
 
 
 def recorded(job: Job, signal: Given) -> Recording:
-    """The recording of an experiment, or of a recording again."""
+    """The recording of an experiment, or of a recording that is simulated again."""
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.simulate import run
 
@@ -163,7 +163,7 @@ def recorded(job: Job, signal: Given) -> Recording:
         result = run(source, job.accuracy or None, progress=progress, **job.run)
     if not isinstance(source, Experiment):
         return result.processed(**{**source.processing, **signal})
-    files = [target.model_dump() for target in source.targets]  # of a file its name, not the folders of this machine
+    files = [target.model_dump() for target in source.targets]  # a file's name without the folders of this machine
     files = [{**file, "file": Path(file["file"]).name} if "file" in file else file for file in files]
     result.settings["motion"], result.settings["added"] = files[0], files[1:]
     return result.processed(**signal)
@@ -180,7 +180,7 @@ def _check_processing(processing: Given, source: Experiment | Recording) -> None
 
     radar, chirps = source.radar, max(256, processing.get("n_window") or 0, source.radar.separated.loops_per_frame or 0)
     check_processing(radar, chirps, processing)
-    if "n_window" in processing and isinstance(source, Experiment):  # files are read once more, which tells nothing new
+    if "n_window" in processing and isinstance(source, Experiment):  # files are read a second time: their warnings are known
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", T2DWarning)
             durations_s = [target.duration_s for target in source.targets_from({}) if isinstance(target, Motion)]
@@ -205,7 +205,7 @@ def _check_background(background: str | None, added: Given, radar: Radar | None,
 
 
 def _drawn(result: Recording, title: str) -> Figure | None:
-    """The spectrogram's figure; None and a warning where it cannot be drawn: that must not cost the result."""
+    """The spectrogram's figure; None with a warning if it cannot be drawn, which must not cost the result."""
     try:
         figure = result.plot(title=title)
         figure.draw_without_rendering()
@@ -280,7 +280,7 @@ def paths(
 
 
 def _model_of(job: Job) -> tuple[Model, Accuracy]:
-    """How the targets become echoes, and the accuracy that `simulate` would choose, which says which paths are modelled."""
+    """The model of how the targets become echoes, with all ranked path pairs, and the accuracy that `simulate` would choose."""
     from dataclasses import replace
 
     from t2d_rt.accuracy import Wanted, chosen, warn_out_of_reach

@@ -1,4 +1,4 @@
-"""`t2d-rt sweep`: one command line whose options hold ranges and alternatives, as many recordings."""
+"""`t2d-rt sweep`: options that hold ranges and alternatives, and a recording for each combination of their values."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from t2d_rt.core.files import load_yaml
 
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 RANGE = re.compile(rf"\s*({NUMBER}):({NUMBER}):({NUMBER})\s*")
-"""First, last and step of a range."""
+"""First and last value, and step, of a range."""
 ENTRY = re.compile(r"\s*[a-z_]+:")
-"""How an entry of --add begins."""
+"""Beginning of an entry of --add."""
 MOST_VALUES = 1000
-"""Values of one range."""
+"""Greatest number of values of one range."""
 
 
 def sweep(
@@ -76,7 +76,7 @@ def sweep(
 
 
 def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]) -> dict[str, list[Any]]:
-    """Values by the names of the experiment's fields, in the order in which they were given."""
+    """Values to vary by the names of the experiment's fields, in the order in which they were given."""
     from t2d_rt.experiment.experiment import Experiment
     from t2d_rt.experiment.sources import MotionFile
 
@@ -117,7 +117,7 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
 
 
 def first_of(name: str, text: str, varied: dict[str, list[str]]) -> str:
-    """The value that stands for an option whose values may be several, which are noted in `varied`."""
+    """The first value, but not "none" if there is another, of an option that may have several, which are noted in `varied`."""
     values = entries(text) if name.startswith("add ") else alternatives(text)
     if len(values) > 1:
         varied[name] = values
@@ -125,7 +125,7 @@ def first_of(name: str, text: str, varied: dict[str, list[str]]) -> str:
 
 
 def alternatives(text: str) -> list[str]:
-    """What a text stands for: the numbers of a range first:last:step, or the texts between | signs.
+    """The values that a text stands for: the numbers of a range first:last:step, or the texts between | signs.
 
     >>> alternatives("0:900:300"), alternatives("mesh|ellipsoid"), alternatives("0.1:0.3:0.1|1")
     (['0', '300', '600', '900'], ['mesh', 'ellipsoid'], ['0.1', '0.2', '0.3', '1'])
