@@ -180,7 +180,7 @@ def _check_processing(processing: Given, source: Experiment | Recording) -> None
 
     radar, chirps = source.radar, max(256, processing.get("n_window") or 0, source.radar.separated.loops_per_frame or 0)
     check_processing(radar, chirps, processing)
-    if "n_window" in processing and isinstance(source, Experiment):  # files are read a second time: their warnings are known
+    if "n_window" in processing and isinstance(source, Experiment):  # files are read again, which tells nothing new
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", T2DWarning)
             durations_s = [target.duration_s for target in source.targets_from({}) if isinstance(target, Motion)]

@@ -26,8 +26,8 @@ from t2d_rt.types.paths import passed
 from t2d_rt.types.scatterer import Fraction
 
 ASIDE_M = 1e-4 * np.array([0.36, 0.48, 0.8])
-"""Offset [m] from the receivers at which it is evaluated which paths exist, and how they are polarised straight up and down: where
-transmitter and receiver are in one place, paths over a corner meet its very edge, but at the offset only one order of its walls."""
+"""Offset [m] from the receivers at which it is found which paths exist and how those straight up and down are polarised. With
+transmitter and receiver in one place, paths over a corner meet its very edge; at the offset only one order of its walls remains."""
 DIRECTIONS = 4_000
 """Number of rays from the transmitters that place the points of rough surfaces."""
 RAYS, PIECES = 32, 4
@@ -109,7 +109,7 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
-    """Fraction of a moving radar's paths that exists, found at times (S,) [s] and faded in between, times what is not occluded."""
+    """Fraction of each of a moving radar's paths that exists, found at times (S,) [s] and faded in between, and is not occluded."""
     sampled = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
     return partial(_existing, sampled, samples_s, unoccluded)
 
@@ -240,8 +240,8 @@ class Shadows:
         return np.broadcast_to(1 - blocked.mean(axis=2, dtype=np.float32), (len(times_s), blocked.shape[1]))
 
     def _stopped(self, vertices: np.ndarray, instant: np.ndarray, piece: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Which rays of pieces (R,) of bundles, given by their `ends`, meet the bodies (K, V, 3) at their instant (R,), bool (R,
-        rays)."""
+        """Which rays of pieces (R,) of bundles, given by their `ends`, meet the bodies (K, V, 3) at their instant (R,), bool
+        (R, rays)."""
         reach = 2.2 * max(float(np.abs(points).max()) for points in (vertices, ends))
         faces = self._faces + np.arange(len(vertices))[:, None, None] * vertices.shape[1]
         bodies, shift = scene_of_instants(self._mitsuba, vertices, faces, reach)

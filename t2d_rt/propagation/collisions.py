@@ -20,7 +20,7 @@ GOLDEN = 0.6180339887
 """Instants are uneven by multiples of this fraction of their interval: at even ones a fan of 1500 rpm would seem static."""
 DEEP_M = 0.05
 """Distance [m] that a point must reach on both sides of a surface to have gone through it: feet dip into floors, doors close flush
-with their wall, people sink into a sofa. An antenna is a point, for which nothing of it is forgiven."""
+with their wall, people sink into a sofa. An antenna is a point, and has gone through at any distance."""
 PARTS = 12
 """Number of parts of a mesh whose middles are tested: a hand that touches a table is not through it."""
 INSTANTS_AT_ONCE, VERTICES_AT_ONCE = 50, 2_500_000

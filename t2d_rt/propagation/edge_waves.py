@@ -46,7 +46,7 @@ NARROW_ZONE_M = 0.02
 """Radius [m] of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full.
 Close behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""
 LEAST_ANGLE_RAD = 1e-9
-"""A piece that turns about a ray by less [rad] is a point, and a phase that changes less over half of a piece is constant there."""
+"""Angle [rad] below which a piece is a point, and change of phase over half of a piece [rad] below which the phase is constant."""
 AT_EDGE_V = 0.15
 """Clearance, as Fresnel's parameter, below which the pieces of an outline, and no ray, tell on which side of it a point is."""
 
@@ -59,7 +59,7 @@ class Straight(NamedTuple):
     """A straight part of a path, unfolded: as if it went on from the image of the antenna to that of the target."""
 
     origin_m: np.ndarray
-    """Image of the antenna that the part comes from [m], (3,)."""
+    """The antenna, or its image, that the part comes from [m], (3,)."""
     matrix: np.ndarray
     shift_m: np.ndarray
     """A target at x appears at `matrix @ x + shift_m`."""
@@ -292,8 +292,8 @@ def _groups(
 
 
 def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: float) -> np.ndarray:
-    """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners (K, 8, 3)
-    [m] each: bool (K,)."""
+    """Whether boxes around another mesh come near the lines from the part's origin to those around a mesh, with corners
+    (K, 8, 3) [m] each: bool (K,)."""
     corners_m = part.appear(mine) - part.origin_m, others - part.origin_m
     directions = [unit(corners) for corners in corners_m]
     centres = [unit(corners.mean(axis=1))[:, None] for corners in directions]

@@ -134,8 +134,8 @@ class Edges:
     def fractions(
         self, paths: Sequence[OneWayPath], points: np.ndarray, times_s: np.ndarray | None = None
     ) -> np.ndarray:
-        """Fraction of the fields of P paths that reaches points (..., 3) [m], float32 (P, ...); for a radar that moves, points (K,
-        ..., 3) at times (K,) [s], of which those of one time are worked on together."""
+        """Fraction of the fields of P paths that reaches points (..., 3) [m], float32 (P, ...); for a radar that moves, points
+        (K, ..., 3) at times (K,) [s], of which those of one time are worked on together."""
         if paths and paths[0].passing is not None:
             points = points_in_scene(paths[0].passing, points, times_s)
             assert times_s is not None

@@ -37,7 +37,7 @@ def itu_material(name: str, frequency_hz: float) -> Material:
 
 
 def check_values(materials: Iterable[str | Material], frequency_hz: float) -> None:
-    """Raises InputError for all of a scene's materials that have no values at a frequency."""
+    """Raises one InputError for all of a scene's materials that have no values at a frequency."""
     valid = itu_names(frequency_hz)
     named = {short_name(material) for material in materials if isinstance(material, str)}
     missing = [known_itu(name) for name in sorted(named - set(valid))]

@@ -17,7 +17,7 @@ from t2d_rt.types.scatterer import Fraction
 POSES = 24
 """Number of poses of a rotation in which a rotor's blockage by the static scene is found."""
 POINTS = 300
-"""Approximate number of its points whose mean visibility is that of all."""
+"""Approximate number of a rotor's points whose mean visibility is that of all."""
 
 
 class MeanVisibility:

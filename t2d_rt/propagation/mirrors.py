@@ -33,7 +33,7 @@ ONE_PLANE_M = 1e-5
 FAR_M = 100.0
 """Distance [m] from the origin of the coordinates up to which float32 is right to a tenth of `SKIN_M`."""
 SKIN_M = 1e-4
-"""Distance [m] from what they are reflected at at which rays start and end."""
+"""Distance [m] from a mirror at which rays start and end."""
 MOST_LOSS_DB = 40.0
 """Loss [dB] at normal incidence beyond which slabs together stop a ray."""
 CLOSED = 0.9

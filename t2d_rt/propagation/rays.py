@@ -95,7 +95,7 @@ class Rays:
 
     def first_hits(self, origins: np.ndarray, directions: np.ndarray) -> Hits:
         """The surfaces that rays from (N, 3) [m] in unit directions (N, 3) meet first."""
-        if not len(origins):  # Dr.Jit has no empty arrays
+        if not len(origins):  # Dr.Jit traces no empty arrays
             return Hits(np.zeros(0, np.int64), np.zeros((0, 3)))
         import drjit as dr
 

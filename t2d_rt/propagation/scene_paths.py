@@ -68,7 +68,7 @@ def radar_paths(
     along: Along | None = None,
 ) -> RadarPaths:
     """One-way paths of up to `order` reflections and `transmissions` slabs between the radar, which may move `along` a track, and
-    any of points (Q, 3) [m]. Raises InputError for a radar within a slab or a piece of furniture."""
+    any of points (Q, 3) [m]. Raises InputError for a radar that `_check_inside` refuses."""
     if radar.track is not None and along is None:
         raise ValueError("paths of a radar that moves are searched along its track, got none; give along")
     mirrors = Mirrors.of(scene, backend, radar.tx_position_m)

@@ -353,7 +353,7 @@ class _Obstacles:
 
     @one_thread_at_a_time
     def leave_visible(self, points: np.ndarray, normals: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-        """Whether segments from `candidates` among points (K, Q, 3) with unit normals to the viewpoint are free, bool (K, Q)."""
+        """Whether segments from `candidates` among points (K, Q, 3) with these normals to the viewpoint are free, bool (K, Q)."""
         import drjit as dr
 
         visible = np.zeros(candidates.shape, bool)
@@ -422,8 +422,8 @@ class OccluderScene:
         normals: np.ndarray,
         candidates: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Which points (K, Q, 3) [m] with unit normals (K, Q, 3) on the meshes are visible over the paths `seen_at` the instants,
-        bool (K, Q): of the `candidates`, bool (K, Q), by default all; none of the others is."""
+        """Which points (K, Q, 3) [m] with normals (K, Q, 3) on the meshes are visible over the paths `seen_at` the instants, bool
+        (K, Q): of the `candidates`, bool (K, Q), by default all; none of the others is."""
         candidates = np.ones(points.shape[:2], bool) if candidates is None else candidates
         visible = []
         for viewpoint, at in zip(seen_paths, instants_of(seen_paths), strict=True):

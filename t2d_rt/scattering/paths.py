@@ -266,8 +266,8 @@ class Probed:
     """Fraction of the field of the P paths of each end that reaches the points, (P, Q)."""
 
     def spreading(self) -> Iterator[np.ndarray]:
-        """Yields for either end 1/distance [1/m] from the paths' images to the points, times the fraction that arrives there, (P,
-        Q)."""
+        """Yields for either end 1/distance [1/m] from the paths' images to the points, times the fraction that arrives there,
+        (P, Q)."""
         for paths, fraction in zip((self.out, self.back), self.fraction, strict=True):
             places = paths.image_m[:, None]
             if paths.passing is not None:

@@ -70,8 +70,8 @@ class DiffusePoints:
     corners: np.ndarray
     """Vertices of each point's triangle, as numbers among those that hold points, (Q, 3)."""
     packets: np.ndarray
-    """Each point's two first barycentric coordinates in its triangle, the root of the area that it stands for [m], and its phase
-    [rad], float32 (Q, 4)."""
+    """Each point's two first barycentric coordinates in its triangle, the root of the area that it stands for [m], and its
+    phase [rad], float32 (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, integers (G + 1,)."""
     scattered: np.ndarray

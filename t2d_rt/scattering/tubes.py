@@ -1,5 +1,5 @@
-"""Ray tubes between targets at one instant: geometrical optics at all surfaces but the last, physical optics there (physics.md,
-eq. 31)."""
+"""Ray tubes between targets at one instant: geometrical optics at all surfaces but the last, physical optics there
+(physics.md, eq. 31)."""
 
 from __future__ import annotations
 
