@@ -70,7 +70,7 @@ class DiffusePoints:
     corners: np.ndarray
     """Vertices of each point's triangle, as numbers among those that hold points, (Q, 3)."""
     packets: np.ndarray
-    """Each point's two first barycentric coordinates in its triangle, the root of the area that it stands for [m], and its
+    """Each point's first two barycentric coordinates in its triangle, the root of the area that it stands for [m], and its
     phase [rad], float32 (Q, 4)."""
     starts: np.ndarray
     """First point of each patch and the end, integers (G + 1,)."""
