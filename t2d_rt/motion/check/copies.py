@@ -1,6 +1,6 @@
-"""Motions of a set that repeat one another: the same movement elsewhere, in a mirror, a little faster, later, or under noise.
+"""Find motions of a set that repeat one another: the same movement elsewhere, mirrored, a little faster, later, or with noise.
 
-Each may be sound by itself; a set that holds both shows one performance twice, and a split of it tests on what it trained on.
+Each may be sound by itself; but a set that holds both has one performance twice, and a split of it may test what it trained on.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ STEP, LATEST_S, LEAST_SHARED = 2, 1.0, 0.7
 """Frames from one compared posture to the next; how much later one may begin [s]; part of the shorter one that both must share."""
 
 PACES = 1.0, 0.97, 1.03
-"""Paces at which one is compared; the best one and its lag are made finer where it is up to `NEAR` times as far as a copy."""
+"""Relative paces at which motions are compared; the best one and its lag are refined up to `NEAR` times the distance of a copy."""
 SLOWEST, FASTEST = 0.965, 1.035
 """Limits of the finer pace."""
 
 ALIKE, NEAR = 0.012, 4.0
-"""Mean distance of joints over stature up to which two motions are one; 14 walks of one sentence
-are 0.022 apart and more, 14 bends 0.031."""
+"""Mean distance of joints, over stature, up to which two motions are copies; 14 walks of one sentence are 0.022 apart and more, 14
+bends 0.031."""
 
 OTHER = {"left": "right", "right": "left"}
 MIRRORED = [
     CANONICAL_JOINTS.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in CANONICAL_JOINTS
 ]
-"""Number of the joint that mirrors each one on the other side."""
+"""Index of the joint on the other side that mirrors each one."""
 
 
 def copies(motions: Sequence[Motion]) -> list[tuple[int, int]]:
-    """Numbers of motions, the earlier one first, of each pair one of which repeats the other."""
+    """Pairs of indices of motions, the earlier one first, of which one repeats the other."""
     postures = [_postures(tracks(motion)) for motion in motions]
     images = [posture[:, MIRRORED] * [1.0, -1.0, 1.0] for posture in postures]
     return [
@@ -83,7 +83,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _at(postures: np.ndarray, instants: np.ndarray) -> np.ndarray:
-    """Postures (T, 22, 3) at fractional frames (K,), between frames in a straight line."""
+    """Postures (K, 22, 3) at fractional frames (K,) of postures (T, 22, 3), by linear interpolation."""
     before = np.minimum(instants.astype(int), len(postures) - 1)
     part = (instants - before)[:, None, None]
     return np.asarray((1 - part) * postures[before] + part * postures[np.minimum(before + 1, len(postures) - 1)])

@@ -1,8 +1,8 @@
 """Falls from the head's trajectory: how far, how fast and how low the head and the pelvis come down, and whether they stay there.
 
-A fall is a descent from standing, walking or sitting to the floor that muscles do not hold back. The body that rests on the floor
-tells it from a jump, a squat or a bend; the speed of the descent from lying, kneeling or sitting down on purpose; the trunk that
-does not go over once around from a roll or a cartwheel.
+A fall is a descent from standing, walking or sitting to the floor that muscles do not hold back. It differs from a jump, a squat or
+a bend by the rest on the floor, from lying, kneeling or sitting down on purpose by the speed of the descent, and from a roll or a
+cartwheel by a trunk that does not turn over.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ EndState = Literal[
 ]
 
 LOW_HEAD, LOW_HIPS = 0.62, 0.62
-"""Heights of head and hips, over those of standing, below which a body is on the floor. Sitting there a head is at 0.55, on
-hands and knees hips are at 0.55; a squat leaves the head at 0.7, a bend the hips at 0.9, a chair both above."""
+"""Heights of head and hips, over those of standing, below which a body is on the floor. The head of a person who sits there is at
+0.55, the hips on hands and knees are at 0.55; in a squat the head is at 0.7, in a bend the hips at 0.9, on a chair both higher."""
 
 KNEE_ON_FLOOR = 0.09
 """Height of the knee's joint over stature below which a knee rests on the floor."""
 
 SEATED_HIPS, ARM_ON_FLOOR = 0.28, 0.08
-"""Height of the hips over that of standing when the seat is on the floor (joints 5 to 10 cm above it; 0.35 and more in the
-deepest squat), and of elbow or wrist over stature when an arm is."""
+"""Height of the hips, over that of standing, below which the seat is on the floor (joints 5 to 10 cm above it; 0.35 and more in the
+deepest squat), and height of elbow or wrist, over stature, below which an arm is."""
 
 LEAST_DROP = 0.25
 """Least drop of the head and of the hips, over their standing heights."""
@@ -52,23 +52,23 @@ falls have 0.54 + 0.51 (Choi, Wakeling and Robinovitch 2015: head 2.91 +- 0.86, 
 in 2 s has at most 0.25 + 0.15."""
 
 LEAST_LAST_SPEED, LAST = 0.40, 0.15
-"""The same of the greatest speeds within the last 15 % of each one's drop: a fall is fast until the floor stops it, and who sits or
-lies down on the floor, however fast, is slow by then (a minimum-jerk movement has two thirds of its greatest speed left)."""
+"""Least sum of these speeds within the last 15 % of the drop of each: a fall is fast until the floor stops it; a person who sits or
+lies down, however fast, is slow by then (a minimum-jerk movement has two thirds of its greatest speed left)."""
 
 STILL_FALLING = 0.15
-"""The same at the record's last frame of a body that has not come to rest."""
+"""Sum of these speeds at the record's last frame above which the body has not come to rest."""
 
 LEAST_CUT_SPEED = 0.35
-"""The same for a fall that the record ends in, before the floor."""
+"""Least sum of these speeds at the end of a record that ends before the falling body reaches the floor."""
 
 STAY_S = 0.6
-"""Least rest on the floor; a jump's landing leaves it before."""
+"""Least time of rest on the floor; after landing from a jump the body leaves it sooner."""
 
 OVER_DEG, AFTER_ROLL_S = 270.0, 1.5
 """Turn of the trunk in a vertical plane from which the descent is a roll, unless the body lies that long after it."""
 
 BEFORE_S = 3.0
-"""What the head's height is compared with: its greatest within that time before the floor is reached."""
+"""Time before the floor is reached in which the greatest heights are taken that drops of head and hips count from."""
 
 IMPACT_FRACTION = 0.25
 """Fraction of the hips' greatest downward speed below which the floor has stopped them."""
@@ -88,11 +88,11 @@ class FallFinding:
     reason: str
     """One sentence: what was found, with its figures."""
     loss_of_balance_s: float | None = None
-    """When the centre of mass leaves the feet for good, or the descent begins, whichever is first."""
+    """Time at which the centre of mass leaves the feet for good, or the descent begins, whichever is first."""
     descent_s: float | None = None
-    """When the head begins to come down."""
+    """Time at which the head begins to come down."""
     impact_s: float | None = None
-    """When the hips are stopped, or the head if it is first."""
+    """Time at which the hips are stopped, or the head if it is first."""
     head_impact_mps: float | None = None
     """Greatest downward speed of the head."""
     pelvis_impact_mps: float | None = None
@@ -100,19 +100,19 @@ class FallFinding:
     direction: Direction | None = None
     """Direction of the head from the feet, as seen by the person before the fall."""
     end_state: EndState | None = None
-    """Posture in which the fall ends, or falling where the record ends before."""
+    """Posture in which the fall ends, or "falling" if the record ends before."""
     got_up_s: float | None = None
-    """When the person stands again, if that is in the record."""
+    """Time at which the person stands again, if that is in the record."""
 
     @property
     def descent_time_s(self) -> float | None:
-        """Time from the begin of the descent to the impact [s]."""
+        """Time from the beginning of the descent to the impact [s]."""
         return None if self.impact_s is None or self.descent_s is None else self.impact_s - self.descent_s
 
 
 @dataclass(frozen=True, slots=True)
 class _Heights:
-    """Head and hips over their standing heights, (T,), and their upward speeds over those of free fall from there."""
+    """Heights (T,) of head and hips over their standing heights, and their upward speeds over those of free fall from there."""
 
     head: np.ndarray
     hips: np.ndarray
@@ -123,7 +123,8 @@ class _Heights:
 
 
 LOWEST_LANDING_M, SAME_FLOOR_M, UPRIGHT_HEAD = 0.3, 0.12, 0.7
-"""Two treads; how far feet are from their floor; height of an upright body's head over its feet, over stature."""
+"""Least height of another floor, two treads; greatest distance of feet from their floor; least height of an upright body's head
+over its feet, over stature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +140,7 @@ class _Descent:
     speed: float
     """Sum of the greatest downward speeds of head and hips, over free fall."""
     last_speed: float
-    """The same within the last part of their drops."""
+    """That sum within the last part of their drops."""
 
 
 def detect_fall(motion: Motion) -> FallFinding:
@@ -163,7 +164,7 @@ def fall_in(body: Tracks) -> FallFinding:
 
 
 def _landing_m(body: Tracks) -> float:
-    """Height of the floor at the end [m], where somebody climbed to another one and stood on it; 0 for everybody else."""
+    """Height of the floor at the end [m] if somebody climbed to another one and stood on it, else 0."""
     lowest = body.joints[..., 2].min(axis=1)
     level = float(np.median(lowest[-round(RATE_HZ) :]))
     upright = body["head"][:, 2] - lowest > UPRIGHT_HEAD * body.stature_m
@@ -181,8 +182,8 @@ def _heights(body: Tracks) -> _Heights:
 
 
 def _on_floor(body: Tracks, heights: _Heights) -> np.ndarray:
-    """Where more than the feet rests on the floor: seat, both knees, or a knee, hand or elbow with the centre of mass off the
-    feet.
+    """Mask (T,) of frames in which more than the feet rests on the floor: seat, both knees, or a knee, hand or elbow with the
+    centre of mass off the feet.
 
     A deep squat, a lunge and a landing are as low, but the feet hold them.
     """
@@ -220,7 +221,7 @@ def _speed(heights: _Heights, start: int, after: int) -> float:
 
 
 def _impact(heights: _Heights, fastest: int, after: int) -> int:
-    """First frame at which hips or head, each from its own greatest downward speed on, are stopped."""
+    """First frame at which hips or head are stopped, each after its own greatest downward speed."""
     stops = []
     for speed in (heights.hips_speed, heights.head_speed):
         begin = max(0, fastest - round(0.3 * RATE_HZ))
@@ -231,7 +232,7 @@ def _impact(heights: _Heights, fastest: int, after: int) -> int:
 
 
 def _refusal(body: Tracks, heights: _Heights, descent: _Descent) -> str | None:
-    """Why a stay on the floor is no fall; None where it is one."""
+    """A clause that says why a stay on the floor is no fall; None if it is one."""
     before = slice(max(0, descent.floor - round(BEFORE_S * RATE_HZ)), descent.floor + 1)
     on_floor = slice(descent.floor, descent.stop)
     drops = (height[before].max() - height[on_floor].min() for height in (heights.head, heights.hips))
@@ -252,7 +253,7 @@ def _refusal(body: Tracks, heights: _Heights, descent: _Descent) -> str | None:
 def _turn_deg(body: Tracks, descent: _Descent) -> float:
     """Greatest turn of the trunk in one vertical plane during a descent and the stay after it [degrees].
 
-    The plane is the one in which the trunk moves most: forward rolls and cartwheels alike.
+    The plane is the one in which the trunk moves most, so that forward rolls and cartwheels count alike.
     """
     trunk = body.trunk[descent.start : min(len(body.trunk), descent.stop + round(0.5 * RATE_HZ))]
     spread = trunk[:, :2] - trunk[:, :2].mean(axis=0)
@@ -278,7 +279,7 @@ def _cut_short(body: Tracks, heights: _Heights) -> _Descent | None:
 
 
 def _beyond_feet(body: Tracks) -> np.ndarray:
-    """Horizontal distance [m] of the centre of mass from the segment between the feet, (T,)."""
+    """Horizontal distances (T,) [m] of the centre of mass from the segment between the feet."""
     left, right = (0.5 * (body[f"{side}_ankle"] + body[f"{side}_foot"])[:, :2] for side in ("left", "right"))
     across = right - left
     along = np.sum((body.centre_of_mass[:, :2] - left) * across, axis=-1) / np.maximum(np.sum(across**2, axis=-1), 1e-9)
@@ -287,7 +288,7 @@ def _beyond_feet(body: Tracks) -> np.ndarray:
 
 
 def _downward_mps(heights: _Heights, descent: _Descent) -> tuple[float, float]:
-    """Greatest downward speeds of head and hips [m/s] from the descent's begin until shortly after it has reached the floor."""
+    """Greatest downward speeds of head and hips [m/s] from the beginning of the descent until shortly after the impact."""
     span = slice(descent.start, max(descent.floor, descent.impact) + round(0.8 * RATE_HZ))
     return (
         -float(heights.head_speed[span].min()) * heights.head_free_mps,
@@ -324,7 +325,7 @@ def _finding(body: Tracks, heights: _Heights, descent: _Descent) -> FallFinding:
 
 
 def _direction(body: Tracks, descent: _Descent) -> Direction:
-    """Where the head lies from the feet after the impact, against where the person faced before the descent."""
+    """Direction of the head from the feet after the impact, relative to where the person faced before the descent."""
     after = min(len(body.joints) - 1, descent.impact + round(0.1 * RATE_HZ))
     ahead = unit(body.facing[max(0, descent.start - round(0.3 * RATE_HZ)) : descent.start + 1].mean(axis=0))
     offset = (body["head"] - body["ankles"])[after] * [1, 1, 0]
@@ -337,7 +338,7 @@ def _direction(body: Tracks, descent: _Descent) -> Direction:
 
 
 def _end_state(body: Tracks, heights: _Heights, descent: _Descent) -> EndState:
-    """Posture on the floor, from its last half second before getting up begins, of one second after the impact at most."""
+    """Posture in the last half second on the floor, or in that which ends 1.5 s after the impact if it is earlier."""
     stop = min(descent.stop, descent.impact + round(1.5 * RATE_HZ))
     rest = slice(max(descent.floor, stop - round(0.5 * RATE_HZ)), stop)
     head, hips = float(np.median(heights.head[rest])), float(np.median(heights.hips[rest]))

@@ -1,4 +1,4 @@
-"""Cycles of a gait, and what steps and flights tell of a file's frame rate."""
+"""Measure the steps of a gait, and tell from steps and flights whether a motion's frame rate is right."""
 
 from __future__ import annotations
 
@@ -13,8 +13,7 @@ from t2d_rt.motion.check.measures import GRAVITY_MPS2, RATE_HZ, Tracks, clearanc
 from t2d_rt.motion.kinematics import stature_m
 from t2d_rt.types.motion import Motion
 
-# --- steps of a walk or run from the distance of the ankles along the direction that the body faces, and what they
-# are like ---
+# --- steps of a walk or run, from the distance of the ankles along the direction that the body faces ---
 
 
 HEADING_S = 1.0
@@ -24,19 +23,19 @@ LEAST_STEP = 0.02
 """Distance of the ankles along the heading, over stature, that the foot in front must gain on the other to be a step."""
 
 UPRIGHT = 0.75
-"""Least height of the hips of one who walks or runs, over the length of the leg."""
+"""Least height of the hips in walking or running, over the length of the leg."""
 
 HALTED_MPS = 0.10
-"""A walker whose hips are slower, on average over half a second, stands."""
+"""Speed of the hips, averaged over half a second, below which a walker stands."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gait:
-    """Figures of the steps; lengths over stature, so that persons compare. NaN where there are too few steps."""
+    """Figures of the steps; lengths are over stature, so that persons can be compared. NaN where there are too few steps."""
 
     steps: int
     cadence_per_min: float
-    """Steps a minute, of the median step."""
+    """Steps a minute by the median time of a step."""
     speed_mps: float
     """Mean speed of the hips over the ground."""
     net_mps: float
@@ -46,9 +45,9 @@ class Gait:
     length_asymmetry: float
     """Difference of the median step lengths with left and right foot in front, over their mean."""
     time_asymmetry: float
-    """The same of step times."""
+    """Difference of the median step times of both sides, over their mean."""
     time_variation: float
-    """Standard deviation of step times over their mean, after sides' own means are taken out."""
+    """Standard deviation of step times, without the sides' own means, over their mean."""
     hastening: float
     """Relative change of step times from the first to the last third; negative where steps quicken."""
     width: float
@@ -56,11 +55,11 @@ class Gait:
     width_variation: float
     """Standard deviation of that distance."""
     knee_lift_deg: float
-    """Angle of the thigh forward from the vertical, 95th percentile."""
+    """Angle of the thigh forward from the vertical, 97.5th percentile over both sides."""
     foot_lift: float
-    """Height of the ball of the foot, 98th percentile, of the side with less."""
+    """Rise of the ball of the foot from the 5th to the 98th percentile of its height, of the side with less."""
     trunk_lean_deg: float
-    """Median, forward positive."""
+    """Median inclination of the trunk, forward positive."""
     trunk_sway_deg: float
     """Range (5th to 95th percentile) of the trunk's sideward inclination."""
     arm_swing: float
@@ -70,7 +69,7 @@ class Gait:
 
 
 def gait_of(body: Tracks) -> Gait:
-    """What the steps of a motion are like; a motion without steps has NaN for what they would tell."""
+    """Figures of the steps of a motion; those for which it has too few steps are NaN."""
     ahead = _heading(body)
     side = np.stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))], axis=-1)
     tall = body.stature_m
@@ -116,7 +115,7 @@ def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: floa
     """Pieces in which an upright body goes at a speed or faster, averaged over a second, the one that gets farthest first."""
     speed = np.linalg.norm(rate_of(body["hips"])[:, :2], axis=-1)
     width = min(round(RATE_HZ), len(speed))
-    # At the ends the mean is over what there is.
+    # At the ends the mean is over fewer frames.
     mean = np.convolve(speed, np.ones(width), mode="same") / np.convolve(
         np.ones(len(speed)), np.ones(width), mode="same"
     )
@@ -128,14 +127,14 @@ def travels(body: Tracks, least_mps: float, *, gap_s: float = 0.5, least_s: floa
 
 
 def _heading(body: Tracks) -> np.ndarray:
-    """Direction that the body faces, averaged over `HEADING_S`, (T, 3)."""
+    """Unit vectors (T, 3) that the body faces, averaged over `HEADING_S`."""
     width = min(round(HEADING_S * RATE_HZ), len(body.facing))
     kernel = np.ones(width)
     return unit(np.stack([np.convolve(body.facing[:, axis], kernel, mode="same") for axis in range(3)], axis=-1))
 
 
 def alternations(signal: np.ndarray, least: float) -> np.ndarray:
-    """Frames of alternating maxima and minima that differ by `least` or more; the ends of the record are none."""
+    """Frames of alternating maxima and minima that differ by `least` or more; the ends of the record are left out."""
     extremes: list[int] = []
     high = low = 0
     rising: bool | None = None
@@ -173,13 +172,12 @@ def _trend(times: np.ndarray) -> float:
     return (last - first) / first
 
 
-# --- whether a motion's frame rate agrees with gravity: how fast a body falls in flight, how fast who takes such
-# steps walks ---
+# --- whether a motion's frame rate agrees with gravity: by the acceleration in flight, and by the speed of a walk ---
 #
-# Flights and steps are found by places and frames alone, so that a wrong rate leaves them as they are and shows in
-# their figure. What was measured on 144 recordings, dances, jumps and walks of many styles at 16 to 120 Hz: 0.93 to
-# 1.2 g in flight (single jumps of a dancer 1.5), and walks at 0.68 to 1.3 times the speed that goes with the length
-# of their steps.
+# Flights and steps are found by places and frames alone, so that a wrong rate does not change which are found and shows
+# in their figures. On 144 recordings (dances, jumps and walks of many styles at 16 to 120 Hz) the acceleration in
+# flight was 0.93 to 1.2 g (in single jumps of a dancer 1.5), and walks had 0.68 to 1.3 times the speed that goes with
+# the length of their steps.
 
 
 USUAL_HZ = (10, 12, 12.5, 15, 20, 24, 25, 30, 50, 60, 75, 90, 100, 120, 150, 200, 240, 250, 300, 480)
@@ -190,24 +188,25 @@ OFF_FLOOR = 0.03
 FEWEST_FRAMES = 6
 LEAST_RISE_M = 0.02
 LARGEST_MISFIT = 0.12
-"""Fewest frames of a flight, the least bend of its parabola over them, and the greatest deviation from it over that bend."""
+"""Fewest frames of a flight, least rise of its parabola over them, and greatest standard deviation from it, over that rise."""
 
 HIGH_G = 1.6
-"""Acceleration in g from which a rate is too high: a quarter of the flights at most may have less."""
+"""Acceleration in g above which a rate is too high; a quarter of the flights at most may have less."""
 
 LOW_G, HIGH_RISE_M, SMALLEST_MISFIT = 0.45, 0.05, 0.03
-"""Acceleration of all flights below which a rate is too low; only high parabolas count: partners lift, swings carry."""
+"""Acceleration in g that all flights stay below if a rate is too low; only parabolas of at least this rise and at most this misfit
+over it count, because partners lift and swings carry."""
 
 LEAST_STEP_OF_LEG, FEWEST_STEPS = 0.5, 3
-"""Least step of a walk over the length of the leg, and the fewest steps: shorter ones are taken at any pace."""
+"""Least length of a walk's steps, over the length of the leg, and the fewest steps: shorter ones are taken at any pace."""
 
 UNEVEN, SLIDES, STRIDES = 0.15, 0.1, (0.6, 1.5)
-"""Greatest standard deviation of the steps' times over their mean, greatest slide of the planted foot over stature, and how far the
-hips go in a step over its length: what differs is no steady walk."""
+"""Limits of a steady walk: greatest standard deviation of the steps' times over their mean, greatest slide of the planted foot over
+stature, and least and greatest distance that the hips go in a step, over its length."""
 
 SWING = 0.35
-"""Least part of a step that the centre of mass goes while the other foot is in the air. Who truly walks in slow motion shifts his
-weight while both feet stand, for on one foot he would fall."""
+"""Least part of a step that the centre of mass goes while the other foot is in the air. A person who really walks in slow motion
+shifts the weight while both feet stand, because standing on one foot would mean a fall."""
 
 SLOW, FAST = 0.55, 1.65
 """Speed of a walk over the one that goes with its steps, from which the rate is too low or too high."""
@@ -220,11 +219,11 @@ class Walk:
     length_m: float
     time_s: float
     pace: float
-    """Speed over that which goes with steps of that length."""
+    """Speed over the one that goes with steps of that length."""
 
 
 def rate_doubt(motion: Motion) -> str | None:
-    """A sentence that says by how much a motion's rate is too high or too low, and which one fits; None where nothing tells."""
+    """A sentence that says by how much a motion's rate is too high or too low, and which one fits; None without such signs."""
     points = {name: motion.joints[:, place] for place, name in enumerate(motion.names)}
     body = Tracks(names=motion.names, joints=motion.joints, stature_m=max(stature_m(points), 1e-3))
     rate_hz = motion.rate_hz
@@ -251,7 +250,7 @@ def _rate_sentence(reason: str, rate_hz: float, factor: float) -> str:
 
 
 def falls_g(body: Tracks, rate_hz: float) -> float | None:
-    """Downward acceleration in flight [g] where it cannot be that of a fall; joints of `body` are at `rate_hz`."""
+    """Downward acceleration in flight [g] if it cannot be that of a fall, else None; joints of `body` are at `rate_hz`."""
     height, high, low = body.centre_of_mass[:, 2], [], []
     for start, stop in spans(clearance(body).min(axis=1) > OFF_FLOOR * body.stature_m, least=FEWEST_FRAMES):
         flight = height[start + 1 : stop - 1]  # a foot may still push or already land in the outer frames
@@ -269,7 +268,7 @@ def falls_g(body: Tracks, rate_hz: float) -> float | None:
 
 
 def walk_of(body: Tracks, rate_hz: float) -> Walk | None:
-    """Steady long steps on planted feet, if there are any; joints of `body` are at `rate_hz`.
+    """Medians of steady long steps on planted feet, None if there are too few; joints of `body` are at `rate_hz`.
 
     A step of length l by a leg h goes with the speed v at which 2 l / h = 2.3 (v^2 / g h)^0.3 (Alexander 1976); the recorded walks
     have 0.78 of it.
@@ -296,7 +295,7 @@ def walk_of(body: Tracks, rate_hz: float) -> Walk | None:
 
 
 def _support(body: Tracks, step: slice, stands: str, swings: str) -> tuple[float, float]:
-    """How far the planted foot moves in the middle of a step, and the centre of mass while the other foot is in the air [m]."""
+    """Distances [m] that the planted foot moves in the middle of a step, and the centre of mass while the other foot is up."""
     foot, other = (0.5 * (body[f"{side}_ankle"] + body[f"{side}_foot"])[step, :2] for side in (stands, swings))
     frames = len(foot)
     middle = foot[int(0.15 * frames) : frames - int(0.15 * frames)]

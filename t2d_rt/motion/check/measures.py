@@ -1,4 +1,4 @@
-"""What is measured of a motion before it is judged: tracks of joints, support by the feet, joint angles, smoothness."""
+"""Measure a motion before it is judged: tracks of joints, support by the feet, joint angles, smoothness."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from t2d_rt.types.motion import Motion, checked_motion
 
 
 RATE_HZ = 60.0
-"""Rate at which speeds and accelerations are taken, whatever the motion's own: figures of 10 and of 240 frames per second
-compare."""
+"""Rate at which speeds and accelerations are taken, whatever the motion's own, so that figures of motions at 10 and at 240 Hz
+can be compared."""
 
 CUTOFF_HZ = 10.0
-"""Human movement lies below it but for impacts (Winter, Biomechanics, 2.2); slight noise of the positions does not."""
+"""Cut-off below which human movement lies, except impacts (Winter, Biomechanics, 2.2), and above which slight noise lies."""
 
 HEAD_STANDING, HIPS_STANDING = 0.89, 0.52
 """Heights of the head's joint and of the middle of the hips of a person who stands, over stature: medians of 100 recorded
@@ -57,7 +57,7 @@ class Tracks:
         return 0.5 * (self[f"left_{pair}"] + self[f"right_{pair}"])
 
     def columns(self, names: Sequence[str]) -> list[int]:
-        """Places of some joints among all."""
+        """Indices of some joints among all."""
         return [self.names.index(name) for name in names]
 
     @property
@@ -94,7 +94,7 @@ class Tracks:
 
 
 def tracks(motion: Motion) -> Tracks:
-    """The motion's joints below `CUTOFF_HZ` at `RATE_HZ`: a cubic spline where its own rate is another."""
+    """The motion's joints at `RATE_HZ`, by a cubic spline; they are low-passed if the motion's rate is over 3 `CUTOFF_HZ`."""
     joints = motion.joints
     if motion.rate_hz > 3 * CUTOFF_HZ and len(joints) > 3:
         joints = low_pass(joints, CUTOFF_HZ, motion.rate_hz)
@@ -131,21 +131,20 @@ def spans(active: np.ndarray, *, gap: int = 0, least: int = 1) -> list[tuple[int
     return [(start, stop) for start, stop in joined if stop - start >= least]
 
 
-# --- what carries the body: feet that are planted and how far they slide, the floor and how deep the body sinks into
-# it, flight ---
+# --- what carries the body: planted feet and how far they slide, the floor and how deep the body sinks, flight ---
 
 
 FOOT_POINTS = "ankle", "foot", "toe"
 
 LIFTED, LIFTED_S = 0.012, 0.25
-"""Height over stature by which a foot stands off the level that it has within so many seconds in a small, slow step."""
+"""A foot is lifted if it is higher by this, over stature, than its lowest level within this time [s], as in a small, slow step."""
 
 PLANTED_MPS = 0.45
 """A foot whose slowest point is slower is planted; in swing none of its points is."""
 
 NEAR = 0.035
-"""Height over stature above the lowest foot, each point from its own lowest level, up to which a foot shares in carrying the
-body."""
+"""Height above the lowest foot, over stature, up to which a foot shares in carrying the body; heights of points count from their
+own lowest levels."""
 
 LEAST_CONTACT_S, EDGE = 0.12, 0.2
 """Shortest contact that counts, and the fraction left out at both its ends: a foot that lands or leaves moves."""
@@ -162,16 +161,16 @@ SEATED_THIGH, SEATED_SPEED_MPS = 0.6, 0.25
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """One foot on the ground."""
+    """A contact of one foot with the ground."""
 
     side: str
     start: int
     stop: int
     """Frames at `RATE_HZ`, the last not included."""
     place: np.ndarray
-    """Median place of the foot's ball [m], (3,)."""
+    """Median place (3,) [m]: x and y of the foot's ball, z of its lowest joint."""
     skate_m: float
-    """Extent of the track of ankle, ball or toe, that of them that rests best, over the middle 60 % of the contact."""
+    """Extent of the track of ankle, ball or toe, whichever moves least, over the middle 60 % of the contact."""
 
 
 def foot_heights(body: Tracks) -> np.ndarray:
@@ -186,7 +185,7 @@ def foot_heights(body: Tracks) -> np.ndarray:
 
 
 def airborne(body: Tracks) -> np.ndarray:
-    """Where no part of the body is at the floor, no foot is planted at any height and nobody sits, (T,)."""
+    """Mask (T,) of frames in which no part of the body is at the floor, no foot is planted at any height and nobody sits."""
     lowest = clearance(body).min(axis=1)
     slow = np.linalg.norm(body.velocity[:, body.columns(feet_names(body))], axis=-1) < PLANTED_MPS
     # Planted on a step: slow for a while. At the top of a jump the feet are slow for 0.1 s at most.
@@ -198,20 +197,20 @@ def airborne(body: Tracks) -> np.ndarray:
 
 
 def seated(body: Tracks) -> np.ndarray:
-    """Where thighs are level or higher and the hips slow: something else than the feet carries the body, (T,)."""
+    """Mask (T,) of frames in which hips are low over the knees, and slow: something else than the feet carries the body."""
     drop = (body["hips"] - body["knees"])[:, 2] / (0.5 * body.leg_m)
     speed = np.linalg.norm(rate_of(body["hips"]), axis=-1)
     return (drop < SEATED_THIGH) & (speed < SEATED_SPEED_MPS)
 
 
 def clearance(body: Tracks) -> np.ndarray:
-    """Height of the skin at each joint over the floor [m], (T, J)."""
+    """Heights (T, J) [m] of the skin at each joint over the floor."""
     radii = [ANATOMY["radii"][name.removeprefix("left_").removeprefix("right_")] for name in body.names]
     return body.joints[..., 2] - np.array(radii) * body.stature_m
 
 
 def penetration_m(body: Tracks) -> float:
-    """Deepest that the body sinks into the floor for two frames or more [m]."""
+    """Greatest depth [m] at which the body is in the floor for two frames or more."""
     depth = -clearance(body).min(axis=1)
     return max(0.0, float(np.minimum(depth[1:], depth[:-1]).max()))
 
@@ -239,7 +238,7 @@ def flights_s(body: Tracks) -> list[tuple[float, float, float]]:
 
 
 def contacts(body: Tracks) -> list[Contact]:
-    """Times at which a foot is planted, in order of their begin."""
+    """Contacts of both feet, in the order in which they begin."""
     from scipy.ndimage import minimum_filter1d
 
     names, heights = feet_names(body), foot_heights(body)
@@ -274,13 +273,13 @@ def _contact(body: Tracks, side: str, start: int, stop: int) -> Contact:
 
 
 def _extent_m(track: np.ndarray) -> float:
-    """Twice the greatest distance from the middle of what a track (T, 2) covers."""
+    """Twice the greatest distance of a track (T, 2) from the middle of its bounding box [m]."""
     middle = 0.5 * (track.min(axis=0) + track.max(axis=0))
     return 2 * float(np.linalg.norm(track - middle, axis=-1).max())
 
 
 def feet_names(body: Tracks) -> list[str]:
-    """Ankles, balls and, where known, toes."""
+    """Names of ankles, balls and, where known, toes of both feet."""
     names = [f"{side}_{point}" for side in ("left", "right") for point in FOOT_POINTS]
     return [name for name in names if name in body.names]
 
@@ -288,7 +287,7 @@ def feet_names(body: Tracks) -> list[str]:
 def sliding_s(body: Tracks) -> float:
     """Longest time in which nothing that could carry the body rests, beyond what its flight allows [s].
 
-    It tells feet that slide over the floor, and bodies that are carried by nothing.
+    It shows feet that slide over the floor, and bodies that nothing carries.
     """
     speed = np.linalg.norm(body.velocity, axis=-1)
     near = clearance(body) < NEAR * body.stature_m
@@ -309,11 +308,10 @@ def _excess_s(body: Tracks, free: np.ndarray) -> float:
     return excess
 
 
-# --- whether a body could take its postures: ranges of joints, parts that go through one another, sides that are
-# swapped ---
+# --- whether a body could take its postures: ranges of joints, parts that intersect, sides that are swapped ---
 #
-# Angles come from positions alone: a file's rotations have a zero of its own. So which way an elbow bends cannot be
-# told, and how an arm or a leg is turned about its own axis neither.
+# Angles come from positions alone, because rotations in a file count from a zero of its own. So neither the direction
+# in which an elbow bends nor the turn of an arm or a leg about its own axis can be told.
 
 
 SIDES = "left", "right"
@@ -323,7 +321,7 @@ INVERTED = 0.15
 
 
 def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
-    """Angles of the joints in time [degrees], (T,), of both sides the greater; names as in `RANGES_DEG`."""
+    """Angles (T,) [degrees] of the joints by the names of `RANGES_DEG`, the greater one of both sides."""
     trunk = body.trunk
     across = unit(body["left_hip"] - body["right_hip"])
     shoulders = unit(body["left_shoulder"] - body["right_shoulder"])
@@ -337,9 +335,9 @@ def joint_angles(body: Tracks) -> dict[str, np.ndarray]:
 
 
 def _limb_angles(body: Tracks, side: str, out: np.ndarray, shoulders: np.ndarray) -> dict[str, np.ndarray]:
-    """Angles of knee, elbow, hip and shoulder of one side [degrees], (T,).
+    """Angles (T,) [degrees] of knee, elbow, hip and shoulder of one side.
 
-    out: unit vectors (T, 3) along the line of the hips away from the body. shoulders: along their line, to the left.
+    out: unit vectors (T, 3) along the line of the hips away from the body. shoulders: those along their line, to the left.
     """
     hip, knee, ankle, foot = (body[f"{side}_{name}"] for name in ("hip", "knee", "ankle", "foot"))
     shoulder, elbow, wrist = (body[f"{side}_{name}"] for name in ("shoulder", "elbow", "wrist"))
@@ -347,15 +345,15 @@ def _limb_angles(body: Tracks, side: str, out: np.ndarray, shoulders: np.ndarray
     ahead, chest = unit(vector_product(across, body.trunk)), unit(vector_product(shoulders, body.trunk))
     thigh, shank, upper = knee - hip, ankle - knee, elbow - shoulder
     bend, hinge = angle_deg(thigh, shank), unit(vector_product(thigh, shank))
-    # Knee and ankle turn about axes of about one direction, that of the hips' line; a knee that bends forward has its own the
-    # other way round. Both must say so: a hip turns its leg, and some files have feet that follow no ankle.
+    # Knee and ankle turn about nearly parallel axes along the line of the hips; the axis of a knee that bends forward is opposite.
+    # Both comparisons must agree, because a hip turns its leg, and in some files feet follow no ankle.
     sole_hinge = unit(vector_product(shank, foot - ankle))
     wrong = (np.sum(hinge * sole_hinge, axis=-1) > 0.5) & (np.sum(hinge * across, axis=-1) < -0.5)
     forward, sideward, downward = (np.sum(unit(thigh) * axis, axis=-1) for axis in (ahead, out, -body.trunk))
     sagittal = np.degrees(np.arctan2(forward, downward))
     # Near the hip line the sagittal angle means nothing.
     sagittal = np.where(np.hypot(forward, downward) > 0.3, sagittal, 0.0)
-    # A thigh at the chest of one who bends deeply turns over 180 degrees; behind the back it never is.
+    # In a deep bend with the thigh at the chest the angle passes 180 degrees; a thigh is never that far behind the back.
     sagittal = np.where(sagittal < -130, sagittal + 360, sagittal)
     back, aside, down = (np.sum(unit(upper) * axis, axis=-1) for axis in (-chest, shoulders, -body.trunk))
     behind = (down > -0.5) & (back > 0.3) & (np.abs(aside) < 0.5)  # an arm that is raised sideward goes farther back
@@ -446,15 +444,15 @@ def _distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.
 
 
 ANGLE_PERCENTILE = 99.0
-"""The percentile of a joint's angle in time that is compared with its range: single frames are discontinuities."""
+"""Percentile of a joint's angle in time that is compared with its range, because single frames may be discontinuities."""
 
 LEAST_BONE = 0.1
-"""Length over stature in proportion to which shorter bones change: some are points put between joints, as from neck to head."""
+"""Length, over stature, to which changes of shorter bones are relative: some joints are points between others, as in a neck."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measures:
-    """Figures of one motion; all but the first are of its joints below 10 Hz, at 60 frames per second, unless told otherwise."""
+    """Figures of one motion, of its joints below 10 Hz at 60 frames per second unless stated otherwise."""
 
     duration_s: float
     stature_m: float
@@ -463,14 +461,14 @@ class Measures:
     top_speed_mps: float
     """Greatest speed of any joint."""
     acceleration_mps2: float
-    """Greatest of any joint, 99th percentile over time."""
+    """Greatest acceleration of any joint, 99th percentile over time."""
     jerk_mps3: float
-    """Root mean square over joints and time."""
+    """Root mean square of the jerk over joints and time."""
     jump_m: float
     """Greatest difference of a joint's step from one frame to the next from the mean of the steps before and after it, in the
     motion's own frames."""
     bone_change: float
-    """Greatest relative change of a bone's length, own frames; of short bones over a tenth of the stature."""
+    """Greatest relative change of a bone's length in the motion's own frames; of short bones over a tenth of the stature."""
     foot_skate_m: float
     """Farthest that a planted foot slides in one contact."""
     sliding_s: float
@@ -495,11 +493,11 @@ def measure(motion: Motion) -> Measures:
 
 
 def measures_of(motion: Motion, body: Tracks) -> Measures:
-    """`measure` with the motion's tracks."""
+    """The figures that `measure` gives, from a motion and its tracks."""
     speed = np.linalg.norm(body.velocity, axis=-1)
     acceleration = rate_of(body.velocity)
     size = np.linalg.norm(acceleration, axis=-1)
-    # Differences at the ends are one-sided, and what a filter makes of a record's ends is not motion.
+    # Differences at the ends are one-sided, and a filter's effects at a record's ends are no motion.
     inner = slice(3, -3) if len(size) > 12 else slice(None)
     jerk = np.linalg.norm(rate_of(acceleration)[inner], axis=-1)
     planted = contacts(body)
@@ -533,7 +531,7 @@ def jump_m(joints: np.ndarray) -> float:
 
 
 def bone_change(motion: Motion, stature_m: float) -> float:
-    """Greatest deviation of a bone's length from its median, over that, or over `LEAST_BONE` of the stature where that is more."""
+    """Greatest deviation of a bone's length from its median, over the median or, if it is more, `LEAST_BONE` of the stature."""
     length = np.linalg.norm(motion.joints[:, 1:] - motion.joints[:, list(motion.parents[1:])], axis=-1)
     usual = np.median(length, axis=0)
     return float((np.abs(length - usual) / np.maximum(usual, LEAST_BONE * stature_m)).max())

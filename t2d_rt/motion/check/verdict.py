@@ -1,4 +1,4 @@
-"""The verdict on a motion: limits of recorded motion, what each class must show, and what is wrong."""
+"""Judge a motion by limits of recorded motion and by what its class must show, and say what is wrong."""
 
 from __future__ import annotations
 
@@ -33,8 +33,7 @@ from t2d_rt.motion.descriptions.slots import ACTIVITIES, Activity
 from t2d_rt.motion.jumps import jumps, told, told_before
 from t2d_rt.types.motion import Motion, checked_motion
 
-# --- limits of the measures, from recorded motion: `python -m validation.motions.limits FOLDER --write` makes
-# `limits.json` ---
+# --- limits of the measures, which `python -m validation.motions.limits FOLDER --write` writes to `limits.json` ---
 #
 # Recordings with glitches are left out (`left_out` names them, by a rule of that module); a limit is 1.25 times the
 # 99th percentile of all others.
@@ -43,12 +42,12 @@ from t2d_rt.types.motion import Motion, checked_motion
 FILE = Path(__file__).with_name("limits.json")
 
 GAIT_SIGNS = tuple(field.name for field in fields(Gait) if field.name not in ("steps", "speed_mps", "net_mps"))
-"""Figures of a gait whose range in recorded normal walks tells abnormal ones."""
+"""Figures of a gait that show an abnormal one if they lie outside the range of recorded normal walks."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
-    """What recorded motion keeps to, as `validation.motions.limits` writes it."""
+    """Limits that recorded motion keeps to, as `validation.motions.limits` writes them."""
 
     recordings: int
     """Number of recordings that the limits come from."""
@@ -57,9 +56,9 @@ class Limits:
     at_most: dict[str, float]
     """1.25 times the 99th percentile of each measure over all recordings."""
     jumps: Sequence[tuple[float, float]]
-    """Frame rate [Hz] and the greatest deviation of a step [m] at it, likewise; rates ascend."""
+    """Frame rate [Hz] and the limit of a step's deviation at it [m], found in the same way; rates ascend."""
     gait: dict[str, tuple[float, float]]
-    """2.5th and 97.5th percentile of normal walks."""
+    """2.5th and 97.5th percentile of each figure over normal walks."""
     walks: int
     by_class: dict[str, dict[str, float]]
     """95th percentile of each measure over the recordings of a class, and their number `n`."""
@@ -76,8 +75,7 @@ def shipped_limits() -> Limits:
     return Limits(**json.loads(FILE.read_text(encoding="utf-8")))
 
 
-# --- whether a motion is of the class that was asked for, by what it does: heights of head and hips, contacts, steps,
-# flight ---
+# --- whether a motion is of the class that was asked for: heights of head and hips, contacts, steps, flight ---
 #
 # The rules know nothing of how a motion was made.
 
@@ -85,31 +83,31 @@ def shipped_limits() -> Limits:
 UP = np.array([0.0, 0.0, 1.0])
 
 FARTHEST, MOST_AWAY = 4, 1.85
-"""A gait's distance is the root mean square of so many departures, those of the figures farthest from the middle of normal walks,
-in halves of their range; and that of a normal walk at most. The recorded ones reach 1.64. Both were chosen on walks of the seeds
-from 1000 on: none of 96 normal ones is beyond it, one of 96 with hardly anything of a gait, and 86 of 96 with gaits of patients."""
+"""A gait's distance is the root mean square of this many departures, those of the figures farthest from the middle of normal walks,
+in halves of their range; the second is its greatest value for a normal walk. Recorded ones reach 1.64. Both were chosen on walks of
+the seeds from 1000 on: none of 96 normal ones is beyond it, 1 of 96 with hardly any abnormality, and 86 of 96 like patients'."""
 
 PACE = ("cadence_per_min", "step_length")
 ONE_S_OWN, MOST_ALONE = (*PACE, "halted_s", "trunk_lean_deg"), 2.5
-"""Pace and carriage, and their greatest departure that counts: strollers take short steps at a low cadence, anyone may pause, and
-who stoops does so standing as well. One of them alone, however far, makes no gait abnormal, two may."""
+"""Figures of pace and carriage, and the greatest departure that counts for them: strollers take short steps at a low cadence,
+anyone may pause, and a stooped person also stands so. One of them alone, however far off, makes no gait abnormal, but two may."""
 
 LEAST_RANGE = 0.1
-"""The range taken for a figure that is 0 in normal walks, as halts are [s]."""
+"""Least range that is assumed for halts [s], which are 0 in normal walks."""
 
 TURN_DEG = 45.0
-"""Change of heading from which a walk is no straight one: its inner steps are shorter, and the trunk leans."""
+"""Change of heading from which a walk is not straight: its inner steps are shorter, and the trunk leans."""
 
 STAIRS_M = 0.12
 """Range of the levels of planted feet from which a walk goes over stairs."""
 
 SEATED, STANDING, LYING = 0.80, 0.85, 0.40
-"""Heights of the hips over the length of the leg: at most of one who sits (a chair's seat of 0.45 m has them at 0.6 to 0.7),
-at least of one who stands (1.05 when straight), and at most of one who lies or sits on the floor."""
+"""Heights of the hips over the length of the leg: the greatest in sitting (0.6 to 0.7 on a chair of 0.45 m), the least in standing
+(1.05 when straight), and the greatest in lying or sitting on the floor."""
 
 
 OFF_THE_FEET = 0.08
-"""How far behind the ankles the centre of mass is of one whom the feet do not carry, over the length of the leg."""
+"""Least distance of the centre of mass behind the ankles, over the length of the leg, of a body that the feet do not carry."""
 
 LEAST_WALK = 0.8
 """Least extent of a walk over the length of the leg, where it has fewer than four steps: people step about before they sit down."""
@@ -117,7 +115,7 @@ LEAST_WALK = 0.8
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What the rules look at."""
+    """What the rules examine: the motion's tracks, its gait, and the limits of recorded motion."""
 
     body: Tracks
     gait: Gait
@@ -131,24 +129,24 @@ class Evidence:
         return max((stop - start for start, stop in spans(carried, gap=6, least=1)), default=0) / RATE_HZ
 
     def pieces(self, least_mps: float, *, gap_s: float) -> list[Evidence]:
-        """Pieces in which the body goes at that speed, the one that gets farthest first."""
+        """Pieces in which the body goes at that speed or faster, the one that gets farthest first."""
         return [Evidence(travel, gait_of(travel), self.limits) for travel in travels(self.body, least_mps, gap_s=gap_s)]
 
     @property
     def turn_deg(self) -> float:
-        """By how much the direction changes that the body faces; its swing with each step does not count."""
+        """Range of the direction that the body faces [degrees], without its swing with each step."""
         angle = np.unwrap(np.arctan2(self.body.facing[:, 1], self.body.facing[:, 0]))
         width = min(round(RATE_HZ), len(angle))
         return float(np.degrees(np.ptp(np.convolve(angle, np.full(width, 1 / width), mode="valid"))))
 
     @property
     def hips(self) -> np.ndarray:
-        """Height of the hips over the length of the leg, (T,)."""
+        """Heights (T,) of the hips over the length of the leg."""
         return self.body["hips"][:, 2] / self.body.leg_m
 
 
 def class_faults(expected: Activity, body: Tracks, fall: FallFinding, limits: Limits) -> list[str]:
-    """Why a motion is not of a class, a sentence each; empty where it is."""
+    """Sentences that say why a motion is not of a class; empty if it is."""
     if expected == "falling":
         return [] if fall.happened else [f"no fall is in it: {fall.reason}"]
     faults = [f"it should hold no fall, but {fall.reason}"] if fall.happened else []
@@ -185,7 +183,7 @@ def _abnormal_walking(evidence: Evidence) -> list[str]:
 
 
 def gait_faults(walk: Evidence) -> list[str]:
-    """Why the gait of a straight walk is not a normal one; nothing where it is."""
+    """A sentence that says why the gait of a straight walk is not normal; empty if it is."""
     away = departures(walk.gait, walk.limits)
     farthest = sorted(away, key=away.__getitem__, reverse=True)[:FARTHEST]
     distance = math.sqrt(sum(away[name] ** 2 for name in farthest) / FARTHEST)
@@ -207,10 +205,10 @@ def _on_stairs(evidence: Evidence) -> bool:
 
 
 def departures(gait: Gait, limits: Limits) -> dict[str, float]:
-    """How far each figure of a gait is from the middle of recorded normal walks, over half their range; 0 of what has no figure.
+    """How far each figure of a gait is from the middle of recorded normal walks, over half their range; 0 for figures that are NaN.
 
-    Nobody walks too evenly: asymmetries and variations count where they are greater. Of a low cadence and short steps, which
-    are one slow pace, the farther one counts.
+    Asymmetries and variations count only where they are greater, as nobody walks too evenly. Of cadence and step length, which
+    both show a slow pace, only the one that is farther off counts.
     """
     departure = {}
     for name, (low, high) in limits.gait.items():
@@ -248,7 +246,7 @@ def _arms_rise(evidence: Evidence) -> list[str]:
 
 
 DANCES = 0.065
-"""Deviation of the wrists' heights over the stature of a dance; of a walk it is less."""
+"""Standard deviation of the wrists' heights, over stature, that dances exceed and walks do not."""
 
 
 def wrists_rise(body: Tracks) -> float:
@@ -258,13 +256,13 @@ def wrists_rise(body: Tracks) -> float:
 
 
 RAISED, RAISED_FRACTION, BUSY_MPS = 0.10, 0.46, 0.5
-"""How far below the shoulders a raised elbow is at most, over stature (a hanging one is 0.17 below); for which fraction of the time
-those of a dance are raised; and how fast its wrists then move against the shoulders, in the mean. Set so that of 94 recordings and
-112 motions of sentences that are no dances none has both."""
+"""Greatest depth of a raised elbow below the shoulders, over stature (a hanging one is 0.17 below); part of the time for which the
+elbows of a dance are raised; and mean speed of its wrists against the shoulders. They are set so that none of 94 recordings and 112
+motions of sentences that are no dances has both."""
 
 
 DANCING_FEET_MPS = 0.12
-"""Least mean speed of the ankles of one who dances; who stretches on the spot raises the arms, too."""
+"""Least mean speed of the ankles in a dance, because a person who stretches on the spot raises the arms too."""
 
 
 def feet_mps(body: Tracks) -> float:
@@ -275,7 +273,7 @@ def feet_mps(body: Tracks) -> float:
 
 
 def _arms_are_busy(body: Tracks) -> list[str]:
-    """Why arms that are raised and busy all along make a motion a dance, whatever its legs do in a piece of it."""
+    """A fault if the arms are raised and busy throughout, which makes a motion a dance whatever its legs do in a piece of it."""
     up, busy = [], []
     for side in ("left", "right"):
         up.append((body[f"{side}_elbow"] - body["shoulders"])[:, 2] > -RAISED * body.stature_m)
@@ -340,15 +338,15 @@ def feet_together(body: Tracks) -> float:
 
 
 def _only_jumping(evidence: Evidence) -> list[str]:
-    """A jump, and no dance with one in it: whoever turns round and on with stepping feet dances."""
+    """Faults of a jump that is no dance with a jump in it: turning by 360 degrees or more on stepping feet is dancing."""
     if (faults := _jumping(evidence)) or evidence.turn_deg < 360 or feet_together(evidence.body) > STEPPING:
         return faults
     return [f"it turns by {evidence.turn_deg:.0f} degrees on stepping feet, as in a dance"]
 
 
 def _sitting(evidence: Evidence) -> list[str]:
-    """Sitting down, sitting, lying down and standing up alike: there is a stay with the hips at a seat's height or on the
-    floor."""
+    """Faults of sitting down, sitting, lying down or standing up: in all of them the hips stay for a while at a seat's height or
+    on the floor."""
     slow = np.abs(rate_of(evidence.hips)) * evidence.body.leg_m < 0.25
     thigh = (evidence.body["hips"] - evidence.body["knees"])[:, 2] / (0.5 * evidence.body.leg_m)
     seat = (evidence.hips < SEATED) & slow & ((thigh < 0.75) | (evidence.hips < LYING))
@@ -366,11 +364,11 @@ def _sitting(evidence: Evidence) -> list[str]:
 
 
 LEAST_SEATED_S, LONGEST_FALL_BACK_S = 0.3, 0.6
-"""Least time in which something else than the feet carries one who sits, and the longest in one who bends or squats."""
+"""Least time for which something else than the feet carries a person who sits, and the longest in bending or squatting."""
 
 
 def _bending(evidence: Evidence) -> list[str]:
-    """Bending, squatting and stretching alike, on the spot."""
+    """Faults of bending, squatting, stretching or standing on one leg, on the spot."""
     body = evidence.body
     tilt = angle_deg(body.trunk, UP) > 30
     squat = evidence.hips < 0.80 * np.percentile(evidence.hips, 95)
@@ -391,18 +389,18 @@ def _bending(evidence: Evidence) -> list[str]:
 
 
 HELD_UP, LEAST_HELD_S = 0.07, 1.0
-"""Height over stature of an ankle over the other one from which a foot is held up, and for how long it is where one stands on one
-leg [s]: a step's swing takes 0.4 s."""
+"""Height of one ankle over the other, over stature, from which a foot is held up, and the least time of standing on one leg [s]: a
+step's swing takes 0.4 s."""
 
 
 def _on_one_leg(body: Tracks) -> list[tuple[int, int]]:
-    """Frames, first and behind the last, of each stay on one leg."""
+    """First frame, and the one after the last, of each stay on one leg."""
     apart = np.abs(body["left_ankle"][:, 2] - body["right_ankle"][:, 2])
     return spans(apart > HELD_UP * body.stature_m, gap=round(0.1 * RATE_HZ), least=round(LEAST_HELD_S * RATE_HZ))
 
 
 def _dancing(evidence: Evidence) -> list[str]:
-    """Arms and legs at work without going anywhere straight."""
+    """Faults of a dance, in which arms and legs move without going straight anywhere."""
     body, faults = evidence.body, []
     sides = "left", "right"
     arms = np.mean(
@@ -447,7 +445,7 @@ LEAST_ACTIVITY_MPS = 0.02
 Winter 1995)."""
 
 MOST_UPSIDE_DOWN = 0.6
-"""A cartwheel's or a handstand's fraction of the time is less."""
+"""Greatest part of the time for which a body is upside down; in a cartwheel or a handstand it is less."""
 
 IMPACT_S, IMPACT_JUMP = 0.3, 2.0
 """Time [s] around the impact of a fall in which head, hands, hips and feet strike the floor, and how much more than in recordings a
@@ -467,7 +465,7 @@ SENTENCES: dict[str, str] = {
     "floor_offset_m": "the planted feet stay {value:.3f} m above the floor, recorded ones at most {limit:.3f} m",
     "self_penetration_m": "limbs go {value:.3f} m into one another, recorded ones at most {limit:.3f} m",
 }
-"""Measures that recorded motion bounds from above, and what is said of one that is beyond."""
+"""Measures that recorded motion bounds from above, and the sentence about a motion that exceeds the bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -475,7 +473,7 @@ class Verdict:
     """What the filter says of one motion."""
 
     reasons: tuple[str, ...]
-    """Why it does not pass, sentences with figure and limit."""
+    """Sentences, with figure and limit, that say why it does not pass."""
     measures: Measures
     fall: FallFinding
     expected: Activity | None = None
@@ -490,9 +488,10 @@ class Verdict:
 
 
 def check_motion(motion: Motion, *, expected: Activity | None = None) -> Verdict:
-    """Judges a motion by limits of recorded motion (z up, floor at z = 0), and as one of a class where that is given.
+    """Judges a motion (z up, floor at z = 0) by limits of recorded motion, and by a class if one is given.
 
-    expected: "walking", "abnormal_walking", "running", "falling", "sitting", "bending", "jumping" or "dancing".
+    expected: "walking", "abnormal_walking", "running", "falling", "sitting", "bending", "jumping" or "dancing"; another raises an
+        InputError.
     """
     checked_motion(motion)
     if expected is not None:
@@ -502,7 +501,7 @@ def check_motion(motion: Motion, *, expected: Activity | None = None) -> Verdict
 
 
 def passes(motion: Motion, expected: Activity) -> bool:
-    """Whether `check_motion` finds nothing against a motion as one of a class: what tells soonest is looked at first."""
+    """Whether `check_motion` finds nothing against a motion as one of a class; the quickest tests come first."""
     checked_motion(motion)
     body = tracks(motion)
     if class_faults(expected, body, fall_in(body), shipped_limits()):
@@ -518,7 +517,7 @@ def judged(
     expected: Activity | None = None,
     limits: Limits | None = None,
 ) -> Verdict:
-    """The verdict on what was measured, by the limits given or those that the package ships."""
+    """The verdict on measures, by the given limits or by those that the package ships."""
     limits = shipped_limits() if limits is None else limits
     body = tracks(motion) if body is None else body
     fall = fall_in(body)
@@ -552,7 +551,7 @@ def _of_record(motion: Motion, measures: Measures, limits: Limits, fall: FallFin
 
 
 def _at_impact(motion: Motion, measures: Measures, fall: FallFinding, jump: float) -> bool:
-    """Whether the jump is what stops a fall on the floor: no recording holds one, and twice as much is let through there."""
+    """Whether a jump comes from the impact of a fall, where twice the limit is allowed because no recording holds an impact."""
     if not fall.happened or fall.impact_s is None or measures.jump_m > IMPACT_JUMP * jump:
         return False
     first, last = (round((fall.impact_s + sign * IMPACT_S) * motion.rate_hz) for sign in (-1, 1))

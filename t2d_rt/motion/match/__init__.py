@@ -1,4 +1,4 @@
-"""A skeleton whose names are no known flavour: its joints are found by names, by how they hang together and by where they lie.
+"""Find the joints of a skeleton of no known flavour by their names, by how they hang together and by where they lie.
 
 Two pairs of limbs with equal bones on both sides are legs and arms; the chain between them is the spine, what goes on above the
 shoulders is neck and head; feet, knees and the walk tell left from right. Names help where they say something.
@@ -31,25 +31,25 @@ __all__ = ["DECISIVE", "Match", "match", "signs"]
 Sureness = Literal["sure", "fairly sure", "unsure"]
 
 MARGINS = 0.7, 2.0
-"""Differences of scores to the next reading of the skeleton, below which one is unsure and above which one is sure."""
+"""Lead in score over the next reading of the skeleton below which a match is unsure, and from which it may be sure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """What was matched to what."""
+    """The joints that were matched, and what is to be said of them."""
 
     joints: dict[str, str | tuple[str, str, float]]
-    """Canonical joint -> joint of the file, or a point between two, as a `Flavour` has them."""
+    """For each canonical joint: the joint of the file, or a point between two, as in a `Flavour`."""
     summary: str
-    """For the report."""
+    """Clauses for the report."""
     doubts: tuple[str, ...]
-    """Sentences that are to be warnings."""
+    """Sentences that are to become warnings."""
 
 
 def match(
     names: tuple[str, ...], parents: tuple[int, ...], positions: np.ndarray, rest: np.ndarray | None = None
 ) -> Match:
-    """The canonical joints of a skeleton; an InputError where no person can be found in it.
+    """The canonical joints of a skeleton; raises an InputError if no person can be found in it.
 
     names, parents: joints and end sites (`<parent>:end`), parents before children, -1 for the root.
     positions: (T, N, 3), in any unit, with any axis upward, right-handed.
@@ -82,7 +82,7 @@ def match(
 
 
 def _alike(tree: Tree, person: Person) -> tuple[Limb, Limb]:
-    """The arms in the order of the legs: both first ones on one side."""
+    """The arms in the order of the legs: the first arm is on the side of the first leg."""
     (leg, other), (arm, last) = joints_of(person.legs, 0), joints_of(person.arms, 0)
     across = (tree.positions[:, leg] - tree.positions[:, other]) * (tree.positions[:, arm] - tree.positions[:, last])
     first, second = person.arms.limbs
@@ -105,7 +105,7 @@ def _votes(
 
 
 def _agreement(tree: Tree, sources: dict[str, Source]) -> float:
-    """Share of pelvis, head and the joints of the limbs that are named as what they were taken for."""
+    """Part of pelvis, head and the joints of the limbs whose names fit what they were taken for."""
     counted = {"pelvis", "head", "hip", "knee", "ankle", "shoulder", "elbow", "wrist"}
     checked = [
         (name.rpartition("_")[2], joint) for name, joint in sources.items() if name.rpartition("_")[2] in counted

@@ -1,4 +1,4 @@
-"""Which joints of a skeleton are those of a person: the body by names and form, left and right, and the mapping as a whole."""
+"""Find a person among the joints of a skeleton by names and form, tell left from right, and map joints to canonical ones."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from t2d_rt.motion.match.skeleton_tree import PARTS_OF_ARM, PARTS_OF_LEG, Limb, 
 
 
 FARTHEST = 3.5
-"""Standard deviations beyond which nobody is built like that."""
+"""Standard deviations from usual proportions beyond which nobody is built."""
 
 OFTEN = 0.2
-"""Share of poses that are to be upright: animals sit, too."""
+"""Part of the poses that must be upright, because animals sit up too."""
 
 HEADS = frozenset({"neck", "head", "head_top"})
 STRANGE = frozenset({"face", "helper", "hip", "knee", "hand", "elbow"})
-"""Parts that are found on the chain to the top of a head, and that are not."""
+"""Parts of the body that are on the chain to the top of a head, and parts that are not."""
 
 HELP = "if it is one, name its joints in a flavour file (flavour=FILE.yaml, --motion.flavour FILE.yaml)"
 
@@ -42,7 +42,7 @@ class Person:
 
 
 def find_person(tree: Tree, rest: np.ndarray | None) -> tuple[Person, float]:
-    """The likeliest person and by how much its score exceeds that of any other reading; an InputError if there is none.
+    """The likeliest person, and by how much its score exceeds that of any other reading; raises an InputError if there is none.
 
     rest: positions (N, 3) with all rotations zero, where the file has them.
     """
@@ -78,7 +78,7 @@ def joints_of(pair: Pair, place: int) -> list[int]:
 
 
 def _person(tree: Tree, legs: Pair, arms: Pair) -> Person | None:
-    """A reading with its score, a sum of logarithms of likelihoods; None where it cannot be."""
+    """A reading of the skeleton with its score, a sum of logarithms of likelihoods; None if it is impossible."""
     stems = {*legs.stems, *arms.stems}
     if len(stems) < 4 or any(
         set(tree.above(pair.branch)) & set(other.stems) for pair, other in ((legs, arms), (arms, legs))
@@ -110,7 +110,7 @@ def _with_head(tree: Tree, person: Person) -> Person:
 
 
 def _tilt(tree: Tree, pair: Pair, up: np.ndarray) -> float:
-    """How far the line between the upper joints of a pair is from square to the trunk: sine of the angle, 0 to 1."""
+    """Sine, 0 to 1, of the angle by which the line between the upper joints of a pair is not perpendicular to the trunk."""
     first, second = joints_of(pair, 0)
     across = unit(tree.positions[:, first] - tree.positions[:, second])
     return float(np.median(np.abs(np.sum(across * up, axis=-1))))
@@ -124,7 +124,7 @@ def _parallel(tree: Tree, legs: Pair, arms: Pair) -> float:
 
 
 def _named(tree: Tree, pair: Pair, own_parts: frozenset[str], other_parts: frozenset[str]) -> float:
-    """Share of a pair's joints that are named as parts of such limbs, minus that of those named as parts of others."""
+    """Part of a pair's joints that are named as parts of such limbs, minus the part that are named as parts of others."""
     parts = [tree.labels[joint].parts for limb in pair.limbs for joint in limb.joints]
     return sum(bool(part & own_parts) - bool(part & other_parts) for part in parts) / len(parts)
 
@@ -160,7 +160,7 @@ def _head_of(tree: Tree, legs: Pair, arms: Pair) -> tuple[int, ...]:
 
 
 def _check_upright(tree: Tree, person: Person, rest: np.ndarray | None) -> None:
-    """Refuses what holds all four limbs square to its trunk and has limbs of one length: an animal, or a hand."""
+    """Raises an InputError for a body that is hardly ever upright and has equal limbs or a long trunk: an animal or a hand."""
     still = rest is not None and _upright(person, rest[None]) > 0.0
     if still or _upright(person, tree.positions) > OFTEN:
         return
@@ -175,7 +175,7 @@ def _check_upright(tree: Tree, person: Person, rest: np.ndarray | None) -> None:
 
 
 def _upright(person: Person, poses: np.ndarray) -> float:
-    """Share of poses (T, N, 3) in which the legs go on where the trunk ends."""
+    """Part of the poses (T, N, 3) in which the legs continue the line of the trunk."""
     hips, ankles, shoulders = (
         poses[:, joints_of(pair, place)].mean(axis=1)
         for pair, place in ((person.legs, 0), (person.legs, 2), (person.arms, 0))
@@ -185,7 +185,7 @@ def _upright(person: Person, poses: np.ndarray) -> float:
     return float(np.mean(along > 0.5))
 
 
-# --- left or right: from the way feet point, knees bend, elbows bend and the body moves, and from names ---
+# --- left or right: from where feet point, how knees and elbows bend, how the body moves, and from names ---
 
 
 DECISIVE = 1.6
@@ -196,8 +196,8 @@ NAMES = 1.2
 
 
 def signs(points: dict[str, np.ndarray]) -> dict[str, float]:
-    """Votes of the body for the sides that canonical points (T, 3) are named by, positive where what is called left lies on the
-    left; in any unit and axes, handed as BVH is."""
+    """Votes of feet, knees, elbows and walk for the sides that canonical points (T, 3) are named by, positive if what is called
+    left lies on the left; units are arbitrary, and so are axes as long as they are right-handed."""
     pairs = {
         joint: (points[f"left_{joint}"], points[f"right_{joint}"]) for joint in ("hip", "knee", "ankle", "shoulder")
     }
@@ -222,7 +222,7 @@ def signs(points: dict[str, np.ndarray]) -> dict[str, float]:
 
 
 def _bends(points: dict[str, np.ndarray], joints: tuple[str, str, str]) -> list[np.ndarray]:
-    """From the straight line of a limb to its middle joint, (T, 3) for each side that the points have."""
+    """Vectors (T, 3) from the straight line of a limb to its middle joint, for the left and the right side."""
     offsets = []
     for side in ("left", "right"):
         upper, middle, lower = (points[f"{side}_{joint}"] for joint in joints)
@@ -233,7 +233,7 @@ def _bends(points: dict[str, np.ndarray], joints: tuple[str, str, str]) -> list[
 
 
 def _vote(vectors: list[np.ndarray], forward: np.ndarray, least: float) -> float:
-    """Mean share of vectors that lies forward, -1 to 1; those shorter than `least` count in proportion."""
+    """Mean forward part of vectors, -1 to 1; it is less in proportion if they are shorter than `least` on average."""
     if not vectors:
         return 0.0
     lengths = np.linalg.norm(vectors, axis=-1)
@@ -245,16 +245,17 @@ def _vote(vectors: list[np.ndarray], forward: np.ndarray, least: float) -> float
 
 
 HEAD_HEIGHT = 0.16
-"""Head joint above the shoulders over thigh and shank: 0.11 to 0.21 in recorded skeletons, necks 0.01 to 0.09, vertices 0.3."""
+"""Height of the head's joint above the shoulders over thigh and shank: 0.11 to 0.21 in recorded skeletons (neck 0.01 to 0.09,
+vertex 0.3)."""
 
 HEAD_TOP = 0.06, 0.4
-"""Vertex above the head joint, over thigh and shank."""
+"""Least and greatest height of the vertex above the head's joint, over thigh and shank."""
 
 Source = int | tuple[int, int, float]
 """A joint of the file, or a point on the line from one to another that turns with the first."""
 
 Height = Callable[[int], float]
-"""Of a joint above the shoulders, along the trunk, over thigh and shank."""
+"""Gives the height of a joint above the shoulders, along the trunk, over thigh and shank."""
 
 
 def canonical_sources(tree: Tree, person: Person, sided: Sequence[tuple[Limb, Limb]]) -> dict[str, Source]:
@@ -274,7 +275,7 @@ def canonical_sources(tree: Tree, person: Person, sided: Sequence[tuple[Limb, Li
 
 
 def _carrier(tree: Tree, joint: int, tip: int) -> int:
-    """Of several joints in one place on the chain to a tip, the last, which carries what follows."""
+    """The last of several joints in one place on the chain to a tip, which carries what follows."""
     for following in tree.path(joint, tip)[1:]:
         if not tree.together(joint, following) or following == tip:
             break
@@ -293,7 +294,7 @@ def _feet(tree: Tree, leg: Limb) -> dict[str, Source]:
         bent = median_length(np.cross(unit(reach), shank))
         chain = [joint for joint in tree.path(leg.lower, tip)[1:] if not tree.together(leg.lower, joint)]
         named = any("foot" in tree.labels[joint].parts or "toe" in tree.labels[joint].parts for joint in chain)
-        # The foot stands square to the shank: what goes on along it is a heel, or the end of a bone.
+        # The foot is perpendicular to the shank: a chain along the shank is a heel, or the end of a bone.
         if 0.05 < length < 0.45 and (bent > 0.5 or (named and bent > 0.2)):
             value = length + 0.2 * named - 0.001 * len(chain)
             best = max(best, (value, chain), key=itemgetter(0))
@@ -366,7 +367,7 @@ def _trunk(tree: Tree, person: Person) -> dict[str, Source]:
 
 
 def _height(tree: Tree, shoulders: np.ndarray, up: np.ndarray, leg: float, joint: int) -> float:
-    """How high a joint is above the shoulders, along the trunk, over the leg's length."""
+    """Height of a joint above the shoulders, along the trunk, over the leg's length."""
     return float(np.median(np.sum((tree.positions[:, joint] - shoulders) * up, axis=-1))) / leg
 
 
@@ -427,7 +428,7 @@ def _spine(joints: list[int], along: dict[int, float]) -> dict[str, Source]:
 
 
 def _made_up_head(pelvis: int, highest: int, height: Height) -> Source:
-    """A point on the line of the trunk, as high as heads are."""
+    """A point on the line of the trunk at the usual height of a head; raises an InputError if nothing could carry it."""
     low, high = height(pelvis), height(highest)
     if high - low < 0.1:
         raise InputError(f"the skeleton has nothing above its hips that could carry a head; {HELP}")

@@ -1,4 +1,4 @@
-"""A skeleton as a tree of joints: what their names say, where limbs branch off, and which limb each is."""
+"""A skeleton as a tree of joints: what their names say, where limbs branch off, and which limbs make a pair."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ RUN = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|[^\W\d_a-zA-Z]+")
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """What a name says."""
+    """What the name of a joint says."""
 
     side: str | None = None
-    """"left", "right" or nothing."""
+    """The side, "left" or "right"; None if the name tells none."""
     parts: frozenset[str] = frozenset()
     """Canonical joints without side, and "spine", "face", "root", "twist", "helper"; empty where the name says nothing."""
     middle: bool = False
-    """A middle finger."""
+    """Whether the joint belongs to a middle finger."""
 
 
 def label(name: str) -> Label:
@@ -58,7 +58,7 @@ def label(name: str) -> Label:
 
 
 def _parts(kinds: set[str], side: str | None) -> frozenset[str]:
-    """Rules from the most telling kind of word to the least."""
+    """Parts by the kinds of the words in a name; the rules go from the most telling kind to the least."""
     end = "end" in kinds
     if side is None and "spine" in kinds:  # Kinect's SpineShoulder
         return frozenset({"spine"})
@@ -94,14 +94,14 @@ def _parts(kinds: set[str], side: str | None) -> frozenset[str]:
 
 
 def _plain(text: str) -> str:
-    """Letters without accents; of Japanese signs the voicing marks go too, in names and table alike."""
+    """The text without accents and without the voicing marks of Japanese signs, in names and table alike."""
     spread = unicodedata.normalize("NFKD", text.replace("ß", "ss"))
     return "".join(sign for sign in spread if not unicodedata.combining(sign))
 
 
 @cache
 def _vocabulary() -> dict[str, str]:
-    """The kind of each word that is known."""
+    """The kind of each known word."""
     rows = shipped(Path(__file__).with_name("words.yaml"))
     return {_plain(word).casefold(): kind for kind, words in rows.items() for word in words.split()}
 
@@ -140,7 +140,7 @@ class Tree:
     names: tuple[str, ...]
     parents: tuple[int, ...]
     positions: np.ndarray
-    """(T, N, 3), in any unit and axes."""
+    """Positions (T, N, 3) in any unit and axes."""
 
     @cached_property
     def children(self) -> list[list[int]]:
@@ -173,7 +173,7 @@ class Tree:
         return median_length(self.positions[:, first] - self.positions[:, second])
 
     def together(self, first: int, second: int) -> bool:
-        """Are two joints one point?"""
+        """Whether two joints are one point."""
         return self.distance(first, second) <= COINCIDENT * self.size
 
     def above(self, joint: int) -> Iterator[int]:
@@ -207,16 +207,16 @@ class Tree:
 
 
 BEST = 40
-"""Triples of each side that are compared with those of the other."""
+"""Number of limbs of each side, the likeliest ones, that are compared with those of the other."""
 
 STRAIGHT, NEARLY_ALWAYS = 0.96, 5.0
-"""A bone may be made of several joints (twist bones) if they lie on a line, but for some per cent of the frames: at the median
-of a walk a whole leg does."""
+"""Distance between the ends of a bone of several joints (twist bones) over the length along them, which is less in this percentage
+of the frames at most: they lie on a line. In half of the frames of a walk a whole leg does so too."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limb:
-    """Hip, knee, ankle or shoulder, elbow, wrist."""
+    """Joints of a limb: hip, knee and ankle, or shoulder, elbow and wrist."""
 
     upper: int
     middle: int
@@ -226,7 +226,7 @@ class Limb:
 
     @property
     def joints(self) -> tuple[int, int, int]:
-        """From the trunk outward."""
+        """The three joints from the trunk outward."""
         return self.upper, self.middle, self.lower
 
     @property
@@ -247,12 +247,12 @@ class Pair:
 
     @property
     def length(self) -> float:
-        """Mean of the two sides."""
+        """Mean length of the two limbs."""
         return 0.5 * (self.limbs[0].length + self.limbs[1].length)
 
 
 def limb_pairs(tree: Tree) -> list[Pair]:
-    """The likeliest pair of limbs for each two siblings that have one, the best first: long, with bones alike, and named so."""
+    """The likeliest pair of limbs below each two siblings, the best first: long limbs with equal bones and fitting names."""
     pairs: list[Pair] = []
     for branch, children in enumerate(tree.children):
         stems = [child for child in children if "helper" not in tree.labels[child].parts]
@@ -271,7 +271,7 @@ def limb_pairs(tree: Tree) -> list[Pair]:
 
 
 def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
-    """The BEST likely limbs below a child of a branching."""
+    """The `BEST` likeliest limbs below a child of a branching."""
     # An arm with all fingers has 8 generations and 30 joints.
     below = [joint for joint in tree.below(stem, 14, 90) if "helper" not in tree.labels[joint].parts]
     bones = _bones(tree, below, branch)
@@ -300,7 +300,7 @@ def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, f
         for upper in tree.above(tree.parents[lower]):
             if upper in root:
                 break
-            if apart:  # of several joints in one place the last carries the bone
+            if apart:  # the last of several joints in one place carries the bone
                 rows.append((upper, lower, length_along, left_out, direct))
             apart = bool(tree.bones[upper] > COINCIDENT * tree.size)
             direct = direct and not apart

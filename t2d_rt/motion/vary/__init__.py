@@ -1,4 +1,4 @@
-"""One motion, many samples: seen from elsewhere, walked faster or slower, mirrored, held at its end, bent to an arc."""
+"""Make many samples of one motion: seen from elsewhere, walked faster or slower, mirrored, held at its end, bent to an arc."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Disturbed gaits: a recorded walk whose steps, carriage and timing are changed as a disease or an injury changes them."""
+"""Make abnormal gaits: change the steps, carriage and timing of a recorded walk as a disease or an injury does."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class GaitChange:
     equinus_rad: float = 0.0
     """Angle by which the heels are up all the time [rad]: walking on the toes."""
     shorter_step_m: tuple[float, float] = (0.0, 0.0)
-    """What the feet land short of their place [m]."""
+    """Distances by which the feet land short of their places [m]."""
     hurried_stance: tuple[float, float] = (1.0, 1.0)
     """Factors of the tempo from when the foot lands until the other one does: above 1 its stance is short."""
     lean_rad: float = 0.0
@@ -54,11 +54,11 @@ class GaitChange:
     pelvis_turn: float = 1.0
     """Factor of the pelvis's turning about the vertical."""
     crouch_m: float = 0.0
-    """What the pelvis is lowered by [m]: knees stay bent."""
+    """Distance by which the pelvis is lowered [m], so that knees stay bent."""
     knees_inward_rad: float = 0.0
     """Rotation of the knees towards each other about the line from hip to ankle [rad]."""
     circumduction_m: float = 0.0
-    """What a swinging foot goes outward by [m]."""
+    """Distance by which a swinging foot goes outward [m]."""
     arm_swing: tuple[float, float] = (1.0, 1.0)
     """Factors of the arms' swing."""
     elbow_bend_rad: float = 0.0
@@ -70,7 +70,7 @@ class GaitChange:
     placed_along_m: float = 0.0
     """Standard deviation of where feet are put along the path [m]."""
     placed_across_m: float = 0.0
-    """The same across the path [m]."""
+    """Standard deviation of where feet are put across the path [m]."""
     unsteady_rad: float = 0.0
     """Standard deviation of the trunk's slow swaying, forward and sideways [rad]."""
     hurry: float = 0.0
@@ -90,17 +90,18 @@ STRAIGHT_RAD = math.radians(25.0)
 """Greatest change of direction between the thirds of a walk that still counts as straight."""
 
 LEAST_WALK_M = 1.5
-"""Shortest path of a walk that is changed: two steps and a bit."""
+"""Shortest path of a walk that is changed, somewhat more than two steps."""
 
 LEAST_STEP_M = 0.2
 """Distance between two contacts of a foot from which they are two steps [m]."""
 
 PHASE_CUTOFF_HZ = 3.0
-"""Smoothing of the side that bears the weight and of swing: they change within a double support, 0.1 to 0.2 s."""
+"""Cut-off frequency that smooths weight and swing, which change within a double support of 0.1 to 0.2 s."""
 
 
 def along_x(poses: Poses) -> Poses:
-    """The poses turned about the vertical so that the pelvis goes along +x from the origin."""
+    """The poses turned about the vertical so that the pelvis goes along +x from the origin; raises an InputError if they are no
+    straight walk."""
     track = poses.root[:, :2]
     net = track[-1] - track[0]
     thirds = np.diff(track[np.linspace(0, len(track) - 1, 4).astype(int)], axis=0)
@@ -119,7 +120,7 @@ def along_x(poses: Poses) -> Poses:
 
 
 def on_floor(poses: Poses) -> Poses:
-    """The poses with the lowest joint of the feet at z = 0 where it is lowest: the reader's own rule for the floor."""
+    """The poses moved so that the floor is at z = 0, by the rule of the readers: a low percentile of the lowest foot joint."""
     joints, _ = poses.world()
     feet = [INDEX[f"{side}_{joint}"] for side in SIDES for joint in ("ankle", "foot", "toe")]
     level = float(np.percentile(joints[:, feet, 2].min(axis=1), FLOOR_PERCENTILE))
@@ -140,7 +141,7 @@ def stances(poses: Poses, planted: np.ndarray) -> np.ndarray:
 
 
 def phase(stands: np.ndarray, rate_hz: float) -> tuple[np.ndarray, np.ndarray]:
-    """Weight (T,), 1 where the left foot bears it alone and -1 the right, and swing (T, 2), 1 in mid-swing; both smooth."""
+    """Weight (T,), 1 if the left foot bears it alone and -1 if the right does, and swing (T, 2), 1 in mid-swing; both smooth."""
     values = np.column_stack([stands[:, 0].astype(float) - stands[:, 1], ~stands])
     smooth = low_pass(values, PHASE_CUTOFF_HZ, rate_hz)
     return np.clip(smooth[:, 0], -1, 1), np.clip(smooth[:, 1:], 0, 1)
@@ -184,14 +185,14 @@ def pelvis_track(poses: Poses, change: GaitChange, weight: np.ndarray) -> np.nda
     root = poses.root.copy()
     root[:, 0] = path_map(root[:, 0], change, float(root[-1, 0]))
     root[:, 1] += change.pelvis_shift_m * weight
-    # The rise and fall of an inverted pendulum goes with the square of its step.
+    # The rise and fall of an inverted pendulum is proportional to the square of its step.
     mean = root[:, 2].mean()
     root[:, 2] = mean + (root[:, 2] - mean) * min(change.stride, 1.2) ** 2 - change.crouch_m
     return root
 
 
 def held_body(poses: Poses, change: GaitChange, weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Local rotations (T, J, 4) with pelvis, trunk and arms held otherwise."""
+    """Local rotations (T, J, 4) with pelvis, trunk and arms held as the change has it."""
     local = poses.local.copy()
     left, right = np.maximum(weight, 0), np.maximum(-weight, 0)
     sway = change.unsteady_rad * np.column_stack([slow_noise(len(poses), poses.rate_hz, rng) for _ in range(2)])
@@ -247,7 +248,7 @@ TOE_CLEARANCE_M = 0.015
 def placed_feet(
     poses: Poses, change: GaitChange, stands: np.ndarray, swing: np.ndarray, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
-    """Tracks (T, 3) of the ankles [m]."""
+    """Tracks (T, 3) [m] of the ankles of the changed walk, by side."""
     joints, _ = poses.world()
     tracks = [joints[:, INDEX[f"{side}_ankle"]] for side in SIDES]
     length = float(poses.root[-1, 0])
@@ -264,7 +265,7 @@ def placed_feet(
         track[:, 1] += sign * (wider + change.circumduction_m * swing[:, number]) + shift[:, 1]
         base = float(np.median(track[stands[:, number], 2]))
         rise = np.maximum(track[:, 2] - base, 0.0)
-        # A shuffling foot rises less wherever it rises; one that is lifted high is so in mid-swing, in front of the body.
+        # A shuffling foot rises less throughout its swing; a foot that is lifted high is highest in mid-swing.
         highest = rise * swing[:, number] if change.lift[number] < 1 else rise.max() * _mid_swing(stands[:, number])
         track[:, 2] += (change.lift[number] - 1) * highest
         track[:, 2] = np.maximum(track[:, 2], np.percentile(tracks[number][:, 2], 1))
@@ -297,7 +298,7 @@ def _while_standing(values: np.ndarray, stands: np.ndarray) -> np.ndarray:
 
 
 def pitched_feet(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
-    """Feet pitched less where steps are shorter, hanging in swing where they drop."""
+    """Poses whose feet are pitched less if steps are shorter, and hang in swing if they drop."""
     _, rotations = poses.world()
     local = poses.local.copy()
     keep = min(change.stride, 1.0) ** 0.5
@@ -314,7 +315,7 @@ def pitched_feet(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
 
 
 def lifted_toes(poses: Poses, change: GaitChange, swing: np.ndarray) -> Poses:
-    """Hanging feet are lifted in swing until their toes clear the height at which they stand."""
+    """Poses in which hanging feet are lifted in swing until their toes clear the height at which they stand."""
     if not any(change.foot_drop_rad):
         return poses
     joints, _ = poses.world()
@@ -340,7 +341,7 @@ def pivots(planted: np.ndarray, change: GaitChange) -> np.ndarray:
 
 
 def turned_knees(poses: Poses, change: GaitChange) -> Poses:
-    """Knees that are turned towards each other; hips and ankles stay."""
+    """Poses whose knees are turned towards each other; hips and ankles stay."""
     if change.knees_inward_rad == 0.0:
         return poses
     limbs: tuple[tuple[Limb, float], ...] = (("left_leg", 1.0), ("right_leg", -1.0))
@@ -391,12 +392,12 @@ def _halts(poses: Poses, weight: np.ndarray, rng: np.random.Generator, count: in
 
 
 def _mean_tempo(tempo: np.ndarray) -> float:
-    """Tempo of the whole: the harmonic mean, for time adds up."""
+    """Tempo of the whole walk: the harmonic mean, because times add up."""
     return float(len(tempo) / np.sum(1.0 / tempo))
 
 
 def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.random.Generator) -> Poses:
-    """Knees that tremble where the walk halts, hands that shake at rest."""
+    """Poses whose knees tremble where the walk halts, and whose hands shake at rest."""
     if not change.freezes_s and change.hand_tremor_rad == 0.0:
         return poses
     times = np.arange(len(poses)) / poses.rate_hz
@@ -424,13 +425,13 @@ def trembling(poses: Poses, change: GaitChange, frames: np.ndarray, rng: np.rand
 
 # --- parametric changes of a recorded straight walk: where feet go, how the trunk is held, when each step comes ---
 #
-# The recorded walk gives what a formula does not: weight shift, roll of the feet, the person's own variation. Places
-# are changed by a map of the path, so that a planted foot stays planted; the legs then follow their feet by inverse
-# kinematics, and time is warped last.
+# The recorded walk gives what a formula does not: weight shift, roll of the feet, the person's own variation. A map of
+# the path changes places, so that a planted foot stays planted; the legs then follow their feet by inverse kinematics,
+# and time is warped last.
 
 
 def changed_walk(walk: Poses, change: GaitChange, rng: np.random.Generator) -> Poses:
-    """A straight walk with a gait changed: it starts at the origin and goes along +x.
+    """A straight walk with its gait changed, which starts at the origin and goes along +x.
 
     Raises an InputError for a walk that is not straight or shorter than 1.5 m.
     """
@@ -455,19 +456,20 @@ SPREAD = 0.06
 """Standard deviation of the logarithm of each drawn value about its range: no two patients are alike."""
 
 TEMPO_SPREAD = 0.04
-"""That of stride and cadence, whose ranges are those of groups of patients."""
+"""The same for stride and cadence, whose ranges are those of groups of patients."""
 
 SQUARED = frozenset({"freezes_s"})
-"""Values that lie at the square of the severity: mild halts are rare. No source tells the power."""
+"""Values that follow the square of the severity, because mild halts are rare. No source tells the power."""
 
 TYPES = shipped(Path(__file__).with_suffix(".yaml"))
 """The ranges of each type of gait: names of fields of `GaitChange`, and the values at severity 0 (mild) and 1 (severe)."""
 
 
 def gait_change(type: GaitType, severity: float, rng: np.random.Generator, *, side: Side | None = None) -> GaitChange:
-    """A patient's change of gait: each value lies at `severity`, 0 (mild) to 1 (severe), of its range, give or take.
+    """A patient's change of gait: each value lies at `severity`, 0 (mild) to 1 (severe), of its range, with a random spread.
 
-    side: of the leg that is spared, of the foot that drops, or of the arm that swings least, in gaits of one side; None draws it.
+    side: side of the leg that is spared, of the foot that drops, or of the arm that swings least, in gaits of one side; None
+        draws it. Raises an InputError for an unknown type or side, or another severity.
     """
     choice("type", type, GAIT_TYPES)
     if side is not None:
@@ -489,20 +491,20 @@ def abnormal_walk(
 
 
 def _drawn(name: str, mild: float, severe: float, severity: float, rng: np.random.Generator) -> float:
-    """A patient's value between its ends, which of angles are in degrees."""
+    """A patient's value between its ends; those of angles are in degrees, the value in radians."""
     if "_rad" in name:
         mild, severe = math.pi / 180 * mild, math.pi / 180 * severe
     if name in SQUARED:
         severity **= 2
     spread = TEMPO_SPREAD if name in ("stride", "cadence") else SPREAD
-    # A hurried stance is a factor near 1: were the whole factor scattered, patients would differ by more than by their severity.
+    # A hurried stance is a factor near 1: if the whole factor were scattered, patients would differ by more than their severity.
     neutral = 1.0 if name.startswith("hurried_stance") else 0.0
     factor = float(np.exp(spread * np.clip(rng.standard_normal(), -2, 2)))
     return neutral + (mild + severity * (severe - mild) - neutral) * factor
 
 
 def _change(drawn: dict[str, float], side: int, both: bool, rng: np.random.Generator) -> GaitChange:
-    """The change whose values were drawn; those of one side go to `side`, the others keep what changes nothing."""
+    """The change whose values were drawn; those of one side go to `side`, and the other side keeps what changes nothing."""
     neutral, fields = GaitChange(), dict[str, Any]()
     for name, value in drawn.items():
         field, _, whose = name.partition(" of ")

@@ -1,4 +1,4 @@
-"""A path bent to an arc: who runs straight on leaves a room within a second or two, who runs round stays in it."""
+"""Bend the path of a motion to an arc: a runner leaves a room within a second or two if the path is straight, but not on an arc."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ from t2d_rt.types.motion import Motion, checked_motion
 MOST_TWIST_RAD = 0.6
 """Angle by which a standing foot stays behind a turning body; hips turn by about 0.7."""
 CURVE_CUTOFF_HZ = 0.8
-"""The path of the body is that of the pelvis without what each step sways it."""
+"""Cut-off frequency that removes the sway of each step from the pelvis's path."""
 UP = np.array([0.0, 0.0, 1.0])
 
 
 def arc(motion: Motion, radius_m: float) -> Motion:
-    """The motion along a path that is bent to an arc of that radius [m], to the left where it is positive, to the right else.
+    """The motion along a path that is bent to an arc of that radius [m], to the left if it is positive, else to the right.
 
-    At every frame body and velocity are turned by the way gone over the radius; feet stay where they stand, and the body leans
-    inward as far as its speed v asks for, atan(v^2 / (g r)). A path that turns already turns by so much more.
+    At every frame body and velocity are turned by the distance gone over the radius; feet stay where they stand, and the body
+    leans inward as its speed v requires, by atan(v^2 / (g r)). A path that turns already turns by so much more.
+    Raises an InputError for a radius below 0.3 m, and for a person who carries things.
     """
     checked_motion(motion)
     number("radius_m", radius_m, -1e6, 1e6, unit="m")
@@ -54,7 +55,7 @@ def arc(motion: Motion, radius_m: float) -> Motion:
 
 
 def bent(poses: Poses, planted: np.ndarray, angle_rad: np.ndarray) -> Poses:
-    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive.
+    """Poses whose body and velocity are turned at each frame by an angle (T,) about the vertical, positive to the left.
 
     planted: contacts (T, 2, 2). A foot that stands keeps its direction: the leg turns over it.
     """

@@ -1,4 +1,4 @@
-"""Motions changed in one respect: left and right exchanged, seen from elsewhere, held before and after, walked faster or slower."""
+"""Change motions in one respect: exchange left and right, see them from elsewhere, hold their end, walk faster or slower."""
 
 from __future__ import annotations
 
@@ -42,19 +42,19 @@ def _other_side(name: str) -> str:
     return {"left": f"right_{rest}", "right": f"left_{rest}"}.get(side, name)
 
 
-# --- the same motion seen from elsewhere: a radar on a circle around the motion's start (Text2Doppler's change of
-# view) ---
+# --- the same motion seen from elsewhere: a radar on a circle around its start (Text2Doppler's change of view) ---
 
 
 def vary_view(motion: Motion, radar: Radar, *, angle_deg: float, height_m: float | None = None) -> Radar:
-    """The radar at another place around a motion that was placed before it: the motion stays, the distance of its start too.
+    """The radar at another place around a motion that was placed before it; the motion and the distance of its start stay.
 
-    angle_deg: angle between the motion's main direction (that of the pelvis's track by principal components; on the spot, what the
-        body faces) and the line from its start to the radar, counterclockwise from above: at 0 the person comes towards the
-        radar, at 90 it passes across, at 180 it goes away. The radial speed of the start follows the cosine.
+    angle_deg: angle between the motion's main direction (that of the pelvis's track by principal components; on the spot, the one
+        that the body faces) and the line from its start to the radar, counterclockwise from above: at 0 the person comes towards
+        the radar, at 90 passes across, at 180 goes away. The radial speed of the start follows the cosine.
     height_m: height of the new radar [m]; by default its own. The distance to the pelvis at the start is kept in three dimensions.
 
-    The new radar looks at the pelvis where the motion starts.
+    The new radar looks at the pelvis where the motion starts. Raises an InputError for a moving radar, a motion in its own
+    coordinates, or a height out of reach.
     """
     checked_motion(motion)
     instance("radar", radar, Radar, "a Radar")
@@ -82,7 +82,7 @@ def vary_view(motion: Motion, radar: Radar, *, angle_deg: float, height_m: float
     )
 
 
-# --- motions that are shorter than is wanted: the person comes to rest and stays ---
+# --- motions that are too short: the person comes to rest and stays ---
 
 
 STOPPING_S = 0.6
@@ -92,20 +92,20 @@ LONGEST_S = 600.0
 
 
 SWAY_RAD, SWAY_HZ, SWAY_SLOPE = (0.0042, 0.0027), (0.08, 5.0), 1.5
-"""Of the lean of a person who stands quietly: standard deviations forward and sideways [rad], the band [Hz], and the exponent b
-of its spectrum, whose power falls in that band as f^-2b. The centre of mass, some 0.95 m high, sways by 4 and 2.5 mm, mostly below
+"""Lean of a person who stands quietly: its standard deviations forward and sideways [rad], its band [Hz], and the exponent b of
+its spectrum, whose power falls in that band as f^-2b. The centre of mass, some 0.95 m high, sways by 4 and 2.5 mm, mostly below
 0.5 Hz (Winter 1995, Gait and Posture 3: 193). The band ends at 5 Hz because echoes of recorded people at rest do not agree with
 less (docs/decisions.md, A device's points by the device's own chain)."""
 OFF_FEET_M = 0.1
-"""From the middle of the feet to under the centre of mass [m], from which a seat carries somebody with level thighs: it is 0.17 to
-0.41 m in made sits and up to 0.03 m in squats, and feet reach some 0.13 m."""
+"""Horizontal distance of the centre of mass from the middle of the feet above which a seat carries a body with level thighs: it is
+0.17 to 0.41 m in made sits and up to 0.03 m in squats, and feet reach some 0.13 m."""
 
 
 def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> Motion:
     """The motion, longer by a time [s] in which its last pose is held.
 
-    sway_seed: seed of the small sway of a person at rest, which grows with the height over what bears the body: the feet stay and,
-        of who sits, the hips and legs; who lies hardly moves. None holds the pose quite still.
+    sway_seed: seed of the small sway of a person at rest, which grows with the height over what bears the body: the feet stay, in
+        sitting also the hips and legs, and a lying person hardly moves. None holds the pose quite still.
 
     The last 0.3 s are shown more and more slowly, within 0.6 s, so that a person who moves at the end comes to rest without a jump
     of speed or acceleration; of a shorter hold or a shorter motion, as much as there is.
@@ -128,7 +128,7 @@ def hold(motion: Motion, duration_s: float, *, sway_seed: int | None = None) -> 
 
 
 def _swaying(motion: Motion, pose: np.ndarray, times_s: np.ndarray, seed: int) -> np.ndarray:
-    """How far each joint of a pose (J, 3) sways at times (T,) [m], (T, J, 3)."""
+    """Sway (T, J, 3) [m] of the joints of a pose (J, 3) [m] at times (T,) [s]."""
     left = (pose[motion.index("left_hip")] - pose[motion.index("right_hip")])[:2]
     left = left / max(float(np.linalg.norm(left)), 1e-9)
     axes = np.array([[left[1], -left[0], 0.0], [*left, 0.0]])
@@ -140,18 +140,17 @@ def _swaying(motion: Motion, pose: np.ndarray, times_s: np.ndarray, seed: int) -
     return (lean @ axes)[:, None] * np.maximum(pose[:, 2] - borne_m, 0.0)[:, None]
 
 
-# --- faster and slower gaits: the segments between foot peaks are stretched in time (Text2Doppler's change of gait)
-# ---
+# --- faster and slower gaits: times between foot peaks are stretched (Text2Doppler's change of gait) ---
 
 
 FACTORS = 0.25, 4.0
-"""Changes of tempo that are made; people walk between half and twice their own pace."""
+"""Least and greatest factor of the tempo; people walk between half and twice their own pace."""
 
 STEP_CUTOFF_HZ = 6.0
-"""Foot heights are smoothed before their peaks are sought: steps come 1 to 3 times a second."""
+"""Cut-off frequency that smooths foot heights before their peaks are sought: steps come 1 to 3 times a second."""
 
 LEAST_LIFT = 0.25
-"""Rise of a foot over the least height before it, over the greatest one of the motion, from which a peak is a step."""
+"""Height of a peak above the foot's lowest level, over the greatest such height in the motion, above which it is a step."""
 
 EASE_S = 0.08
 """Standard deviation of the change from one segment's tempo to the next: joint speeds stay continuous."""
@@ -169,7 +168,7 @@ def vary_gait(motion: Motion, factor: float = 1.0, *, spread: float = 0.0, seed:
 
     Cadence and speed change by `factor`, the steps' lengths do not. spread: standard deviation of the logarithm of each step's own
     factor, drawn from `seed`; a healthy walk varies by 0.02 to 0.03 from step to step (Hausdorff 2005). The tempo changes
-    smoothly at foot peaks. Without steps the whole motion changes alike.
+    smoothly at foot peaks. Without steps the whole motion changes alike. Raises an InputError if fewer than 2 frames would remain.
     """
     checked_motion(motion)
     number("factor", factor, *FACTORS)
@@ -194,7 +193,7 @@ def vary_gait(motion: Motion, factor: float = 1.0, *, spread: float = 0.0, seed:
 
 
 def _warped(knots: np.ndarray, factors: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Times of the motion [s] that the new frames show, (T,)."""
+    """Times (T,) of the motion [s] that the new frames show."""
     fine = np.arange(0.0, knots[-1], 1.0 / (4.0 * rate_hz))
     fine = np.append(fine, knots[-1])
     slowness = 1.0 / factors[np.clip(np.searchsorted(knots, fine, side="right") - 1, 0, len(factors) - 1)]
