@@ -1,4 +1,4 @@
-"""Descriptions -> motions, by several providers behind one interface.
+"""Make motions of descriptions, by several providers behind one interface.
 
 >>> motion = motion_from_text("a person walks forward", seed=3)
 >>> motion.rate_hz
@@ -20,7 +20,7 @@ __all__ = ["PROVIDERS", "Provider", "motion_from_text", "provider_named", "under
 
 
 class Provider(Protocol):
-    """What turns a description into a motion; the same seed gives the same motion."""
+    """A function that turns a description into a motion; the same seed gives the same motion."""
 
     def __call__(self, description: Description, *, seed: int) -> Motion:
         """The motion of a description."""
@@ -43,7 +43,7 @@ LONGEST_S = 600.0
 """Longest motion that is made."""
 
 NOT_MADE = "not made: "
-"""How a line of a motion's origin begins that tells what its description asks for and nothing makes."""
+"""Beginning of a line of a motion's origin that tells what its description asks for but nothing makes."""
 
 
 def motion_from_text(
@@ -70,7 +70,8 @@ def motion_from_text(
 
     The options body, stature_m, person_seed and library are for auto, library and physics: other providers choose the person
     themselves.
-    What a sentence says that is not in the motion is a warning; of a Description the origin tells it ("not made").
+    A warning tells what a sentence says that is not in the motion; for a Description the origin tells it ("not made").
+    Raises an InputError for wrong options, and for what the provider does not make.
     """
     seed = integer("seed", seed, 0, 2**63 - 1)
     if duration_s is not None:
@@ -107,7 +108,7 @@ def motion_from_text(
 
 
 def _refuse_unused(provider: str | Provider, **options: object) -> None:
-    """Refuses options that a provider would take no notice of: people and clips are chosen by the ones that ship alone."""
+    """Raises an InputError for options that a provider would ignore: only those that ship choose people and clips."""
     kind = provider.partition(":")[0] if isinstance(provider, str) else "of your own"
     if kind in COMPOSED or (isinstance(provider, str) and kind not in PROVIDERS):
         return
@@ -118,7 +119,7 @@ def _refuse_unused(provider: str | Provider, **options: object) -> None:
 
 
 def understood(sentence: str) -> tuple[Description, str]:
-    """A sentence's slots, and what was not understood, or read as something else: nothing where all was understood."""
+    """A sentence's slots, and a text about what was not understood or was read as something else, empty if there is nothing."""
     from t2d_rt.motion.descriptions.parse import parse_description
 
     parsed = parse_description(sentence)
@@ -126,7 +127,7 @@ def understood(sentence: str) -> tuple[Description, str]:
 
 
 def provider_named(name: str, **options: Any) -> Provider:
-    """A provider by its name; `options` are those of `Composer`."""
+    """A provider by its name; `options` are those of `Composer`. Raises an InputError for an unknown name."""
     kind, _, folder = name.partition(":")
     if kind in COMPOSED:
         from t2d_rt.motion.generate.compose import Composer

@@ -1,4 +1,4 @@
-"""Pieces of motion one after another: each begins where the last one ends, and what differs there dies out smoothly."""
+"""Join pieces of motion: each begins where the last one ends, and the difference there dies out smoothly."""
 
 from __future__ import annotations
 
@@ -18,16 +18,17 @@ BLEND_S = 0.4
 """Time in which a difference at a seam dies out: about one step of a walk."""
 
 FARTHEST, LEAST_FRAMES = 0.7, 6
-"""Of a velocity [m or rad] at a seam, times the time in which it dies out: a seventh of it is what a joint swings farther by."""
+"""Limit of a velocity at a seam times the time in which it dies out [m or rad], a seventh of which a joint swings farther by; and
+the fewest frames of that time."""
 
 MOST_CARRIED = 0.3
-"""Distance over the leg's length by which a foot that stands may be carried at a seam."""
+"""Greatest distance, over the leg's length, by which a standing foot may be carried at a seam."""
 
 THROWN_RADPS = 8.0
 """Angular velocity of an arm that is thrown up in a jump and cannot swing farther; in walks it reaches 2 to 3 rad/s, in runs 5."""
 
 CROSSING_S = 0.3
-"""Time in which a gait goes over from one clip to the next at the same phase."""
+"""Time in which a gait passes from one clip to the next at the same phase."""
 
 SWING_HZ, SWING_S = 4.0, 0.4
 """Frequency below which a swing of arms lies, twice a stride's in a run with its first harmonic, and half the time of a swing."""
@@ -44,23 +45,23 @@ Z = np.array([0.0, 0.0, 1.0])
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Piece:
-    """Poses, where their feet stand, and where they come from."""
+    """Poses with the contacts of their feet, and notes on where they come from."""
 
     poses: Poses
     planted: np.ndarray
     """Whether heel and ball of each foot stand, bool (T, 2 sides, 2 heel and ball)."""
     notes: tuple[str, ...] = ()
-    """Clips by name and what was done to them."""
+    """Names of clips, and what was done to them."""
 
     def __len__(self) -> int:
         return len(self.poses)
 
     def part(self, start: int, stop: int) -> Piece:
-        """Frames from `start` to before `stop`."""
+        """The frames of the piece from `start` to before `stop`."""
         return replace(self, poses=self.poses.part(start, stop), planted=self.planted[start:stop])
 
     def posed(self, *, root: np.ndarray | None = None, local: np.ndarray | None = None) -> Piece:
-        """With another root's track or other rotations."""
+        """The piece with another track of the root or other rotations."""
         changes = {name: value for name, value in (("root", root), ("local", local)) if value is not None}
         return replace(self, poses=replace(self.poses, **changes))  # type: ignore[arg-type]
 
@@ -70,18 +71,18 @@ class Piece:
 
 
 MOST_LONGER = 1.1
-"""How much longer than asked for a step may last, as a factor, until that is told."""
+"""Factor by which a step may last longer than was asked for before a note says so."""
 
 
 def exceeded(step: Step, lasts_s: float) -> tuple[str, ...]:
-    """A note of a step that lasts longer than it was to, where it does; lasts_s: how long it does [s]."""
+    """A note on a step that lasts longer than was asked for, none if it does not; `lasts_s` is how long it lasts [s]."""
     if step.duration_s is None or lasts_s <= MOST_LONGER * step.duration_s:
         return ()
     return (f"{NOT_MADE}duration {step.duration_s:.3g} s of {step.action.replace('_', ' ')}, which takes longer",)
 
 
 Begins = tuple[tuple[str, int], ...]
-"""What is done, and from which frame on."""
+"""Actions by name, each with the frame from which on it is done."""
 
 
 def doing(action: str, joints: np.ndarray, rate_hz: float, *, before: str = "stand", after: str = "stand") -> Begins:
@@ -103,14 +104,14 @@ def doing(action: str, joints: np.ndarray, rate_hz: float, *, before: str = "sta
 def heading_rad(poses: Poses) -> np.ndarray:
     """Direction (T,) that the pelvis faces, about the vertical, without jumps of a full turn."""
     ahead = quaternions.rotate(poses.local[:, 0], np.array([1.0, 0.0, 0.0]))
-    # Of a body that lies, the pelvis's upward axis tells more than the forward one.
+    # For a lying body the pelvis's upward axis shows the heading better than the forward one.
     up = quaternions.rotate(poses.local[:, 0], Z)
     level = ahead + np.where(ahead[:, 2:] < 0, 1.0, -1.0) * np.clip(2 * (np.abs(ahead[:, 2:]) - 0.5), 0, 1) * up
     return np.unwrap(np.arctan2(level[:, 1], level[:, 0]))
 
 
 def moved(piece: Piece, angle_rad: float, about: np.ndarray, to: np.ndarray) -> Piece:
-    """Turned about the vertical through `about` (2,), which comes to lie at `to` (2,)."""
+    """The piece turned about the vertical through the point `about` (2,) [m], which comes to lie at `to` (2,) [m]."""
     spin = quaternions.about_axis(Z, np.array(angle_rad))
     root = quaternions.rotate(spin, piece.poses.root - [*about, 0.0]) + [*to, 0.0]
     local = piece.poses.local.copy()
@@ -119,7 +120,7 @@ def moved(piece: Piece, angle_rad: float, about: np.ndarray, to: np.ndarray) -> 
 
 
 def joined(pieces: Sequence[Piece], *, blend_s: float = BLEND_S, turn: bool = True) -> Piece:
-    """One piece of all: each is placed where the one before it ends, at its last velocity, and facing as it does (`turn`).
+    """All pieces as one: each begins where the one before it ends, at its last velocity, and with `turn` in the same heading.
 
     At a seam the difference of all joints' rotations and of the root, and that of their velocities, is added to what follows and
     dies out within `blend_s`, or the piece's own length where that is shorter: position and velocity go on without a jump.
@@ -155,9 +156,9 @@ def _appended(first: Piece, second: Piece, blend_s: float, turn: bool) -> Piece:
 
 
 def _swept(placed: Poses, after: Piece, within: int) -> np.ndarray:
-    """Where what dies out at a seam, in `within` frames, carries a foot that would stand too far and too fast for that: (T, 2, 2).
+    """Mask (T, 2, 2) of contacts that the difference which dies out at a seam, in `within` frames, carries too far and too fast.
 
-    After a run the body comes faster than a walk goes on: a foot that stood in the walk would hold it back by more than a leg.
+    After a run the body is faster than a walk that follows: a foot that stands in the walk would hold it back by more than a leg.
     """
     swept = np.zeros((len(after), 2, 2), bool)
     count = min(within + 2, len(after))
@@ -181,10 +182,10 @@ def _piece(
 
 
 def crossed(first: Piece, second: Piece, cut: int, start: int) -> Piece:
-    """One piece that goes over from the first, of which frame `cut` is like frame `start` of the second, as both go on: within
-    `CROSSING_S`, where each has frames beyond that.
+    """One piece that passes from the first to the second while both go on, within `CROSSING_S` or as far as they have frames; frame
+    `cut` of the first is like frame `start` of the second.
 
-    For cycles in step with one another. Nothing is carried on at a measured velocity, which is noise where a foot lands: the seam
+    It is for cycles in step with one another. No measured velocity is carried on, which would be noise where a foot lands: the seam
     is as smooth as the clips.
     """
     a, b = first.poses, second.poses
@@ -233,8 +234,8 @@ def from_rotation_vector(vector: np.ndarray) -> np.ndarray:
 def swung(rotation: np.ndarray, factor: float, rate_hz: float) -> np.ndarray:
     """Rotations (T, 4) farther from their mean over time by a factor; those more than about a radian away stay.
 
-    The swing below `SWING_HZ` changes, not what is faster; and by how far it goes within `SWING_S`, not by each instant's angle,
-    which would bend its shape into harmonics: both would raise the jerk far more than the swing.
+    Only the swing below `SWING_HZ` is scaled, and its weight depends on how far it goes within `SWING_S`, not on the angle at each
+    instant, which would add harmonics: both faster parts and harmonics would raise the jerk far more than the swing.
     """
     from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
@@ -243,7 +244,7 @@ def swung(rotation: np.ndarray, factor: float, rate_hz: float) -> np.ndarray:
     swing = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(middle)))
     angle = np.linalg.norm(swing, axis=-1)
     width = SWING_S * rate_hz
-    # At half a turn the axis jumps: what is changed must have died out there.
+    # At half a turn the axis jumps, so the change must have died out there.
     slow = low_pass(np.where(angle[:, None] < 0.8 * np.pi, swing, 0.0), min(SWING_HZ, 0.4 * rate_hz), rate_hz)
     speed = np.linalg.norm(np.gradient(slow, 1 / rate_hz, axis=0), axis=-1)
     widest, fastest = (maximum_filter1d(series, 2 * round(width) + 1, mode="nearest") for series in (angle, speed))
@@ -253,7 +254,7 @@ def swung(rotation: np.ndarray, factor: float, rate_hz: float) -> np.ndarray:
 
 
 def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
-    """What tells poses apart (T, F) [m]: joints about the pelvis in its own heading, and their velocities times `within_s`."""
+    """Features (T, F) [m] that tell poses apart: joints about the pelvis in its heading, and their velocities times `within_s`."""
     joints, _ = poses.world()
     indices = [INDEX[name] for name in FEATURE_JOINTS]
     back = quaternions.about_axis(Z, -heading_rad(poses))[:, None]
@@ -265,11 +266,12 @@ def features(poses: Poses, *, within_s: float = 0.1) -> np.ndarray:
 OF_LEG, OF_ARM = ("hip", "knee", "ankle", "foot"), ("elbow", "wrist")
 LEGS, ARMS = ([f"{side}_{joint}" for joint in joints for side in ("left", "right")] for joints in (OF_LEG, OF_ARM))
 FEATURE_JOINTS = "pelvis", *LEGS, "spine3", "head", *ARMS
-"""Joints by whose places and velocities poses are compared."""
+"""Joints whose places and velocities are compared between poses."""
 
 
 def best_seam(first: Poses, second: Poses, after: range, before: range) -> tuple[int, int, float]:
-    """Frames, one in `after` of the first, one in `before` of the second, where pose and velocity differ least; how much [m]."""
+    """Frames, one in `after` of the first and one in `before` of the second, where pose and velocity differ least; and by how
+    much [m]."""
     a, b = _features_in(first, after), _features_in(second, before)
     squares = (a**2).sum(1)[:, None] + (b**2).sum(1) - 2 * a @ b.T
     i, j = np.unravel_index(int(squares.argmin()), squares.shape)

@@ -1,4 +1,4 @@
-"""A description's steps, each by what can make it, as one motion of one person; and what of them nothing makes."""
+"""Compose one motion of one person from the steps of a description, each made by what suits it; tell what nothing makes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from t2d_rt.motion.kinematics import Poses, motion_of, poses_of
 from t2d_rt.motion.read.passes import file_origin
 from t2d_rt.types.motion import Motion
 
-# --- what of a description's step its makers heed, and what nothing makes ---
+# --- what makers heed of a description's step, and what nothing makes ---
 
 
 COUNTED = frozenset({"jump", "bend", "squat", "stretch", "climb", "sit", "stand_up", "turn"})
@@ -44,7 +44,7 @@ PARTS: Mapping[Action, str] = {
     "sit": "foot leg",
     "stand_up": "foot leg",
 }
-"""Parts of the body that each action heeds, where a description names one; every abnormal gait heeds them."""
+"""Parts of the body that each action heeds if a description names one; abnormal gaits heed all."""
 
 OBJECTS: Mapping[Action, str] = {
     "climb": "stair handrail",
@@ -58,11 +58,11 @@ OBJECTS: Mapping[Action, str] = {
 """Objects that each action heeds, beside the floor that everybody is on."""
 
 IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "forward back left right"}
-"""Directions that change nothing, beside those in which an action goes anyway."""
+"""Directions that change nothing in an action; in others it goes anyway."""
 
 
 def not_made(step: Step, following: Sequence[Step] = ()) -> list[str]:
-    """What a step asks for and no maker does, in words. following: later steps, which may use what is walked to."""
+    """Phrases for what a step asks for and no maker does. following: later steps, which may use an object that is walked to."""
     requests = []
     falls = step.action == "fall"
     if step.count is not None and step.count > 1 and step.action not in COUNTED:
@@ -87,14 +87,14 @@ def not_made(step: Step, following: Sequence[Step] = ()) -> list[str]:
 
 
 def _used(step: Step, following: Sequence[Step]) -> bool:
-    """Whether the object of a step has a use: what one trips over, a stair that is walked up, a chair to sit down on then."""
+    """Whether the object of a step is used: to trip over it, to walk up or down a stair, or to sit down on a chair later."""
     if step.action not in ("walk", "run"):
         return step.type == "trip"
     on_stair = step.object == "stair" and step.direction in ("up", "down")
     return on_stair or any(step.object in OBJECTS.get(later.action, "").split() for later in following)
 
 
-# --- a description's steps, each by what can make it, as one motion of one person ---
+# --- the steps of a description as one motion of one person ---
 
 
 By = Literal["library", "gaits", "made", "physics"]
@@ -103,7 +103,7 @@ LEAD_S = 2.4, 3.6
 """Duration of the walk or stance before a fall where the description says nothing of it."""
 
 FURTHER_S = 1.2
-"""How much longer a lead is made whose last step is to last for a given time: a fall begins at the step that is nearest to it."""
+"""Time by which a lead is made longer if its last step has a given duration: a fall begins at the footstep nearest to its end."""
 
 ATTEMPTS = 8
 """Leads and plans that are tried until the person falls."""
@@ -112,23 +112,23 @@ DIRECTED_ATTEMPTS = 4
 """Falls that are tried until the body topples where the description says, head away from the feet."""
 
 LEAST_SEVERITY, MORE_SEVERE = 0.4, 0.2
-"""Least severity of an abnormal gait that is drawn, and by how much one grows that the filter takes for a normal walk: of those
-drawn from 0 on three in five were."""
+"""Least severity of an abnormal gait that is drawn, and by how much it grows while the filter takes the gait for a normal walk: of
+gaits with severities drawn from 0 on, three in five were taken for one."""
 
 DANCES = 3
-"""Dances that are made until the filter lets one pass; the last is taken as it is."""
+"""Most dances that are made until one passes the filter; the last is taken as it is."""
 
 TOPPLES = {"forward": "forward", "straight": "forward", "back": "backward", "left": "left", "right": "right"}
-"""What the filter calls the directions of a description."""
+"""The filter's names for the directions of a description."""
 
 SEARCH_S = 0.5
 """Last part of a step in which the next one may begin: a step of a walk."""
 
 PROMPT_S = 0.15
-"""The same of a step that has a duration of its own, and the rest before the next one."""
+"""The same for a step that has a duration of its own, and the rest before the next one."""
 
 AT_REST_MPS = 0.05
-"""Speed of the hips of one who stands quietly."""
+"""Greatest speed of the hips in quiet standing."""
 
 SEAM_S = 0.5
 """Time in which a difference between steps dies out."""
@@ -136,7 +136,7 @@ SEAM_S = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Composer:
-    """Makes motions of descriptions: all of it by `only` one provider, or each step by what suits it."""
+    """Makes motions of descriptions, by `only` one provider or each step by what suits it."""
 
     only: str | None = None
     body: str | None = None
@@ -146,10 +146,10 @@ class Composer:
     library: str | Path | None = None
 
     def __call__(self, description: Description, *, seed: int) -> Motion:
-        """The motion of a description."""
+        """The motion of a description; raises an InputError if the provider does not make it, or if it would be too long."""
         rng = np.random.default_rng([seed, *description.sentence.encode()])
         store = shipped() if self.library is None else with_users(shipped(), self.library)
-        # What simulates falls needs whatever comes before them; all else makes everything but falls.
+        # The physics needs all other makers for what comes before a fall; the library makes everything but falls.
         falls = [step.action for step in description.steps if maker_of(step, store) == "physics"]
         refused = falls[:1] if self.only == "library" else []
         if self.only == "physics" and description.action != "fall":
@@ -159,7 +159,7 @@ class Composer:
                 f"provider {self.only} does not make {refused[0].replace('_', ' ')}; "
                 "leave the provider out, so that each step is made by what suits it"
             )
-        # One seed is one person, whatever a sentence calls them.
+        # One seed gives one person, whatever a sentence calls them.
         subject, person_rng = description.subject, rng
         if self.person_seed is not None:
             person_rng = np.random.default_rng(self.person_seed)
@@ -202,7 +202,7 @@ BETWEEN: Mapping[Action, Action | None] = {"sit": "stand_up", "stand_up": "sit",
 
 
 def _repeated(steps: Sequence[Step], rng: np.random.Generator) -> tuple[Step, ...]:
-    """The steps, those of `BETWEEN` as often as they say; turns without a side are all to one that is drawn."""
+    """The steps, those of `BETWEEN` as often as they say; turns without a side all go to one side, which is drawn."""
     repeated: list[Step] = []
     for step in steps:
         count = step.count or 1
@@ -241,7 +241,7 @@ def _composed(maker: Maker, description: Description) -> Motion:
 
 @dataclass(frozen=True, slots=True)
 class Floored:
-    """What there is of a motion, and on which floor and in which posture it ends."""
+    """The motion that is made so far, and the floor and the posture in which it ends."""
 
     piece: Piece
     floor_m: float = 0.0
@@ -250,13 +250,13 @@ class Floored:
     highest_m: float = 0.0
     posture: Posture = "standing"
     lasting: bool = False
-    """Whether it is one step that has the duration which was asked for."""
+    """Whether it is a single step that has the duration which was asked for."""
     begins: Begins = ()
-    """Its steps' actions, and their first frames."""
+    """Actions of its steps, and their first frames."""
 
 
 def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floored:
-    """The steps after one another, after what there is."""
+    """The motion made so far, followed by the steps one after another."""
     alone = len(steps) == 1 and whole is None
     for of_key_poses, group in groupby(steps, key=partial(_is_made, store=maker.store)):
         group_steps = list(group)
@@ -266,7 +266,7 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
         if whole is not None and whole.posture != "standing":
             whole = _with_made(maker, whole, [Step(action="stand_up")], begins=whole.posture)
         for step in group_steps:
-            # The main step has its own duration, what comes before and after it a part of it.
+            # The main step has a full duration, and other steps a part of it.
             piece = _of_clips(maker, step, alone or isinstance(step, Description))
             piece = piece.noted(*exceeded(step, (len(piece) - 1) / RATE_HZ))
             begins = doing(step.action, piece.poses.world()[0], RATE_HZ)
@@ -281,7 +281,7 @@ def _chained(maker: Maker, whole: Floored | None, steps: Sequence[Step]) -> Floo
 
 
 def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, begins: Posture | None) -> Floored:
-    """Steps made of key poses, after what there is."""
+    """The motion made so far, followed by steps that are made of key poses."""
     person = maker.person
     handed = "left" if person.left_handed else "right"
     performance = make(steps, person.skeleton, rng=maker.rng, handed=handed, tempo=person.tempo, begins=begins)
@@ -298,9 +298,9 @@ def _with_made(maker: Maker, whole: Floored | None, steps: Sequence[Step], *, be
 
 
 def _continued(whole: Floored, piece: Piece, begins: Begins) -> tuple[Piece, Begins]:
-    """The next piece, from where what there is comes nearest to its begin, and when all steps begin then: a walk halts before one
-    that begins at rest, and begins with short slow steps after one that ends at rest. What is lasting keeps its duration, and
-    nobody rests after it."""
+    """The motion made so far and the next piece, joined where they come nearest to each other, and the first frames of all steps:
+    a walk halts before a piece that begins at rest, and begins with short slow steps after one that ends at rest. A lasting step
+    keeps its duration, and no rest follows it."""
     late = max(0, _at_rest(piece) - round(PROMPT_S * RATE_HZ)) if whole.lasting else 0
     piece = piece.part(late, len(piece))
     before, after = halted(whole.piece, piece), begun(whole.piece, piece)
@@ -316,13 +316,13 @@ def _continued(whole: Floored, piece: Piece, begins: Begins) -> tuple[Piece, Beg
 
 
 def _at_rest(piece: Piece) -> int:
-    """Frames at the begin of a piece in which the hips do not move."""
+    """Number of frames at the beginning of a piece in which the hips do not move."""
     moves = np.linalg.norm(np.diff(piece.poses.root, axis=0), axis=1) * RATE_HZ > AT_REST_MPS
     return int(moves.argmax()) if moves.any() else 0
 
 
 def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
-    """A step by clips, planted, a gait of a type changed."""
+    """A step made of clips, with planted feet; a gait of a type is a changed walk."""
     if step.type not in GAIT_TYPES:
         if step.action == "dance":
             return _danced(maker, step, alone)
@@ -339,7 +339,7 @@ def _of_clips(maker: Maker, step: Step, alone: bool) -> Piece:
 
 
 def _disturbed(maker: Maker, type: GaitType, side: Side | None, walk: Poses) -> tuple[Poses, str]:
-    """A patient's gait, as severe as it takes to tell it from a normal one, and a note of that."""
+    """A patient's gait, as severe as the filter needs to tell it from a normal one, and a note on that."""
     from t2d_rt.motion.vary.abnormal import abnormal_walk
 
     severity, patient = float(maker.rng.uniform(LEAST_SEVERITY, 1)), int(maker.rng.integers(2**63))
@@ -352,8 +352,8 @@ def _disturbed(maker: Maker, type: GaitType, side: Side | None, walk: Poses) -> 
 
 
 def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
-    """A dance, planted; phrases that go ill together are drawn again."""
-    # A dancer's arms reach as far as they can already.
+    """A dance with planted feet; it is drawn again if it does not pass the filter."""
+    # A dancer's arms already reach as far as they can.
     dancer = replace(maker.person, vigour=min(maker.person.vigour, 1.0))
     for _ in range(DANCES):
         piece = lively(made_of_clips(maker, step, alone=alone), dancer, maker.rng)
@@ -364,7 +364,7 @@ def _danced(maker: Maker, step: Step, alone: bool) -> Piece:
 
 
 def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> tuple[Motion, float]:
-    """What comes before a fall, the fall, and getting up where the description asks for it; and the height of its floor [m]."""
+    """What comes before a fall, the fall, and getting up if the description asks for it; and the height of its floor [m]."""
     from t2d_rt.motion.generate.falls import NoFall, fall, plan_of
 
     store = maker.store
@@ -392,7 +392,7 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
             continue
         toppled = detect_fall(fallen).direction
         outcome = fallen, lead, floor_m
-        # The physics lands the body on the side that is asked for; it topples that way, too, in some of the attempts.
+        # The physics lands the body on the side that is asked for; only in some of the attempts it also topples that way.
         # A trip keeps the walk's momentum and never topples aside.
         hopeless = plan.type == "trip" and direction in ("left", "right")
         if toppled == TOPPLES.get(direction or "", toppled) or hopeless or attempt >= DIRECTED_ATTEMPTS - 1:
@@ -407,9 +407,9 @@ def _fallen(maker: Maker, description: Description, before: Sequence[Step]) -> t
 
 
 def _lead(maker: Maker, description: Description, before: Sequence[Step], falls_by: str) -> tuple[Motion, float]:
-    """What comes before a fall, with a walk where the foot is to slip or to be caught in one, and how far it climbed [m].
+    """What comes before a fall, with a walk if the foot is to slip or to be caught in one, and how far it climbed [m].
 
-    The floor of the fall is at 0 there, and what it climbed lies below.
+    The floor of the fall is at 0, and lower floors lie below it.
     """
     if not before and falls_by == "collapse" and maker.rng.random() < 0.5:
         before = [Step(action="stand", duration_s=float(maker.rng.uniform(*LEAD_S)))]
@@ -431,7 +431,7 @@ def finished(whole: Floored, person: Individual, *, base_m: float | None = None)
 
 
 def _activities(begins: Begins, count: int) -> tuple[tuple[str, float], ...]:
-    """What is done in so many frames and from when on [s]: a rest that is too short goes to what is done before it."""
+    """Actions in `count` frames and the times from which they are done [s]; too short a rest belongs to the action before it."""
     activities: list[tuple[str, int]] = []
     for (name, frame), (_, stop) in pairwise((*begins, ("", count))):
         short = stop - frame <= (SHORTEST_REST_S * RATE_HZ if name in RESTS.values() and activities else 0)

@@ -1,4 +1,4 @@
-"""Motions from a folder of results of text-to-motion models, read without the pickle module."""
+"""Read motions from a folder of results of text-to-motion models, without the pickle module."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from t2d_rt.types.motion import Motion
 
 
 PLAIN = re.compile(r"[biuf][1248]|[US][0-9]{1,5}")
-"""Types of arrays: numbers and words."""
+"""Types of arrays that are read: numbers and words."""
 OBJECT = "O8"
 """The type of an array that holds Python's own values, as the dictionary lies in one."""
 LONGEST_NUMBER = 64
-"""Bytes of a whole number."""
+"""Most bytes of an integer."""
 _NAMES = {
     (f"numpy.{core}.multiarray", name): called
     for core in ("core", "_core")
@@ -79,7 +79,7 @@ class _Array:
 
 
 class _Machine:
-    """The stack and the memory of a pickle."""
+    """The stack and the memory that a pickle's operations work on."""
 
     def __init__(self) -> None:
         self.stack: list[Any] = []
@@ -88,7 +88,7 @@ class _Machine:
         self.memory: dict[int, Any] = {}
 
     def run(self, data: bytes) -> Any:
-        """What the pickle stands for."""
+        """The value that the pickle stands for; raises a ValueError for operations that are not known here."""
         for code, argument, _ in pickletools.genops(data):
             if code.name == "STOP":
                 return _inner(self.stack.pop())
@@ -179,7 +179,7 @@ def _result_of(name: str, arguments: tuple[Any, ...]) -> Any:
 
 
 def _set(value: Any, state: tuple[Any, ...]) -> None:
-    """What is told of a type or an array that was just begun."""
+    """Sets the state of a type or an array that was just begun."""
     if isinstance(value, _Type):
         order = state[1]
         if value.order or order not in ("<", ">", "|", "=") or any(part is not None for part in state[2:5]):
@@ -198,7 +198,7 @@ def _set(value: Any, state: tuple[Any, ...]) -> None:
 
 
 def _array(kind: np.dtype[Any], sizes: Any, data: bytes, *, fortran: bool) -> np.ndarray:
-    """An array of bytes that are as many as its shape has."""
+    """An array from bytes, which must be as many as its shape has."""
     if not all(type(size) is int and size >= 0 for size in _of(sizes, tuple)) or len(sizes) > 8:
         raise ValueError("a shape that is none")
     if kind.itemsize * math.prod(sizes) != len(data) or not kind.itemsize:
@@ -207,14 +207,13 @@ def _array(kind: np.dtype[Any], sizes: Any, data: bytes, *, fortran: bool) -> np
 
 
 def unpickled(data: bytes) -> Any:
-    """What a pickle holds of dictionaries, lists, tuples, words, numbers and plain arrays; ValueError or the like where more."""
+    """Dictionaries, lists, tuples, words, numbers and plain arrays of a pickle; raises a ValueError or the like for others."""
     return _Machine().run(data)
 
 
-# --- folders of results of text-to-motion models as a provider: MDM, MoMask, Kimodo, MotionGPT, or any motion files
-# with prompts ---
+# --- folders of results as a provider: MDM, MoMask, Kimodo, MotionGPT, or any motion files with prompts ---
 #
-# What is where:
+# The files of each model are:
 #
 # - MDM: `results.npy` (positions of all samples), `results.txt` (a prompt for each).
 # - MoMask: `joints/K/sampleK_repeatR_lenL_ik.npy`, and the file of prompts that it was given (`prompts.txt` or
@@ -236,10 +235,10 @@ class Result:
     file: Path
     prompt: str
     number: int | None = None
-    """Which of the motions in the file; None where it holds one."""
+    """Number of the motion in the file; None if the file holds one."""
 
     def load(self) -> Motion:
-        """The motion; where its prompt is of one step, that is its activity throughout. Of several nobody tells the times."""
+        """The motion; if its prompt has one step, that is its activity throughout. The times of several steps are not known."""
         if self.number is None:
             motion = load_motion(self.file)
         else:
@@ -261,7 +260,7 @@ class Files:
         object.__setattr__(self, "folder", file_path("folder", self.folder))
 
     def __call__(self, description: Description, *, seed: int) -> Motion:
-        """A motion for the sentence; one of several by the seed."""
+        """A motion for the sentence, drawn by the seed if there are several; raises an InputError if there is none."""
         motions = results(self.folder)
         same = [result for result in motions if _words(result.prompt) == _words(description.sentence)]
         alike = same or [
@@ -280,7 +279,7 @@ class Files:
 
 
 def results(folder: str | Path) -> list[Result]:
-    """Every motion in a folder that has a prompt, in the order of file names."""
+    """Every motion in a folder that has a prompt, in the order of file names; raises an InputError if there is none."""
     place = file_path("folder", folder)
     if not place.is_dir():
         raise InputError(f"'{place}' is no folder; give the one that the model wrote its results to")
@@ -333,7 +332,7 @@ def _momask(place: Path) -> Iterator[Result]:
 
 
 def _prompt_beside(path: Path) -> str | None:
-    """The prompt of a motion file, from the file of words beside it; None where there is none."""
+    """The prompt of a motion file, from the text file beside it; None if there is none."""
     json_file = path.with_suffix(".json")
     if path.suffix.lower() == ".npz" and json_file.is_file():
         return _kimodo_prompt(json_file)
@@ -401,7 +400,7 @@ def _words(sentence: str) -> list[str]:
 
 
 def _kind(prompt: str) -> tuple[str, str | None] | None:
-    """Class and type of what a prompt asks for; None where it asks for something else."""
+    """Class and type of what a prompt asks for; None if it is not understood."""
     description = _read(prompt)
     return None if description is None else (description.activity, description.type)
 

@@ -1,4 +1,4 @@
-"""MoMask as a provider: the user's own checkout and weights, run as a process in the environment that they were installed in.
+"""Run MoMask as a provider: the user's own checkout and weights, as a process in the environment that they were installed in.
 
 MoMask (Guo et al. 2024) writes for each prompt joints of HumanML3D's skeleton at 20 Hz, once as generated and once with its own
 inverse kinematics of the feet (`_ik`), which is what is read.
@@ -30,7 +30,7 @@ FRAMES = 40, 196
 """Lengths that MoMask was trained on [frames of 20 Hz]; it makes tokens of four."""
 
 SECONDS_PER_STEP = 4.0
-"""Length asked for each step of a description that says nothing about time."""
+"""Duration of each step of a description that says nothing about time."""
 
 SECRETS = "KEY", "TOKEN", "SECRET", "PASSWORD"
 """Environment variables with these words in their names are not passed on to the process."""
@@ -56,7 +56,7 @@ class MoMask:
 
     @classmethod
     def from_environment(cls) -> MoMask:
-        """The checkout that T2D_MOMASK names, run by the Python that T2D_MOMASK_PYTHON names."""
+        """The checkout that T2D_MOMASK names, run by the Python that T2D_MOMASK_PYTHON names; may raise an InputError."""
         folder = os.environ.get(CHECKOUT_VARIABLE, "")
         if not folder:
             raise InputError(
@@ -75,7 +75,7 @@ class MoMask:
         return motion.edited(f"MoMask for {printable(prompt)!r}, seed {seed}")
 
     def generate(self, prompt: str, *, frames: int, seed: int) -> Motion:
-        """Run MoMask on one prompt; its folder of results is removed afterwards."""
+        """Run MoMask on one prompt and remove its folder of results; raises an InputError if MoMask fails."""
         script = self.checkout / SCRIPT
         if not script.is_file():
             raise InputError(f"'{self.checkout}' is no checkout of MoMask: it has no {SCRIPT}; set {CHECKOUT_VARIABLE}")
@@ -97,7 +97,7 @@ class MoMask:
             shutil.rmtree(results, ignore_errors=True)
 
     def _run(self, command: list[str], temporary: list[Path]) -> None:
-        """The process; an InputError with its last words where it fails."""
+        """Runs the process; raises an InputError with its last words if it fails."""
         environment = {
             name: value for name, value in os.environ.items() if not any(word in name.upper() for word in SECRETS)
         }
@@ -124,7 +124,7 @@ class MoMask:
 
 
 def _frames(description: Description) -> int:
-    """Length to ask for [frames]: that of the steps which say one, and the usual one of those which do not."""
+    """Length to ask for [frames]: the durations of steps that say one, and the usual one for those that do not."""
     said_s = sum(step.duration_s or 0.0 for step in description.steps)
     if said_s * FRAME_HZ > FRAMES[1]:
         raise InputError(f"MoMask makes motions of {FRAMES[1] / FRAME_HZ:g} s at most, got {said_s:g} s; ask for less")

@@ -1,1 +1,1 @@
-"""Motions from recorded clips: chosen, warped, mirrored, bent, blended and chained, feet staying planted."""
+"""Make motions from recorded clips that are chosen, warped, mirrored, bent, blended and chained, with feet that stay planted."""

@@ -1,4 +1,4 @@
-"""Dancing from clips: phrases of recorded dancers, one going on in another where poses are alike."""
+"""Make dances from clips: phrases of recorded dancers, each going on in the next where poses are alike."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ CIRCLING_RADPS = 0.7
 """Rate [rad/s] at which a dance goes round in a circle on average; faster, standing feet would have to slide."""
 
 STEP_S, ON_BOTH = 0.08, 0.2
-"""Time in which a turn gains and loses its pace with a step, a standard deviation, and the pace while both feet stand over that in
-a step: legs that stay behind a turning body cross."""
+"""Time in which a turn gains and loses its pace with a step (a standard deviation), and its pace while both feet stand over that in
+a step, because legs that stay behind a turning body cross."""
 
 PHRASE_S = 4.0
 """Longest stretch of one recording before another goes on: eight counts of music at two beats a second."""
 
 TRIES = 6
-"""Phrases that are drawn until one goes on smoothly; else another recording joins, and of all of them the smoothest is taken."""
+"""Most phrases that are drawn until one goes on smoothly; otherwise another recording joins, or the smoothest phrase is taken."""
 
 SMOOTH_M = 0.03
 """Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
@@ -37,7 +37,7 @@ motions it is 0.042 at most (99th percentile)."""
 
 DEEP_M, HOVERS_S, SLIDES_M = 0.07, 0.12, 0.07
 """How deep limbs may go into one another from a seam on, how much longer than a flight the body may be off the floor, and how far a
-planted foot may slide: of recorded motions these are 0.081 m, 0.18 s and 0.089 m at most."""
+planted foot may slide: in recorded motions these are 0.081 m, 0.18 s and 0.089 m at most."""
 
 SEAM_S = 0.6
 """Time in which a difference between phrases dies out."""
@@ -52,12 +52,12 @@ REST_S = 0.8
 """Time at both ends of a dance in which it may begin and end."""
 
 BACK, INTO = 0.25, 0.5
-"""Fractions of a phrase: how much of what there is it may replace, and where it may be entered at the latest."""
+"""Fractions of a phrase: how much of the dance so far it may replace, and where it may be entered at the latest."""
 
 
 def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """A dance of phrases, each going on in another where poses are alike, of one recording, or of more where its phrases do not go
-    on smoothly in one another; of all recordings at once, one clip was in two of three dances."""
+    """A dance of phrases, each going on in the next where poses are alike. They are of one recording, or of more if its phrases do
+    not go on smoothly; with all recordings at once, one clip was in two of three dances."""
     unused = maker.segments("dance")
     segments = _segments_of_one_recording(maker, unused)
     pace = {"slow": 0.86, "normal": 1.0, "fast": 1.05}[step.speed] * maker.person.tempo
@@ -91,7 +91,7 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _segments_of_one_recording(maker: Maker, unused: list[Segment]) -> list[Segment]:
-    """The segments of a recording that is drawn from those `unused`, which it leaves."""
+    """The segments of a recording that is drawn from the `unused` ones, of which it is removed."""
     sources = maker.store.sources
     recording_of = {segment.clip: (sources[segment.clip].subject, sources[segment.clip].file) for segment in unused}
     recordings = list(dict.fromkeys(recording_of.values()))
@@ -102,7 +102,7 @@ def _segments_of_one_recording(maker: Maker, unused: list[Segment]) -> list[Segm
 
 
 def circling(piece: Piece) -> np.ndarray:
-    """How far a dance has gone round at each frame (T,), from 0 to 1: in its steps, hardly while both feet stand."""
+    """How far a dance has gone round at each frame (T,), from 0 to 1: it goes in steps, and hardly while both feet stand."""
     from scipy.ndimage import gaussian_filter1d
 
     stands = np.asarray(piece.planted.any(axis=2))
@@ -120,7 +120,7 @@ def _continued(whole: Piece, phrase: Piece) -> tuple[Piece, float]:
     begin = phrase.part(0, max(4, round(INTO * len(phrase))))
     last_features, begin_features = features(last.poses), features(begin.poses)
     squares = (last_features**2).sum(1)[:, None] + (begin_features**2).sum(1) - 2 * last_features @ begin_features.T
-    # What differs dies out while a foot stands: in a flight it would change the fall.
+    # The difference must die out while a foot stands, because in a flight it would change the fall.
     stood = np.asarray(last.planted.any(axis=2))
     stands = np.asarray(begin.planted.any(axis=2) & goes_on_standing(begin)[:, None])
     squares[~(stood[:, None] & stands).any(axis=2)] = np.inf
@@ -154,8 +154,8 @@ def goes_on_standing(piece: Piece) -> np.ndarray:
 
 
 def _from_rest_to_rest(whole: Piece, count: int) -> Piece:
-    """About `count` frames of a dance, from its calmest instant near the begin, after which a foot goes on to stand, to the calmest
-    one near the end: other steps join there."""
+    """About `count` frames of a dance, from its calmest instant near the beginning, after which a foot goes on standing, to the
+    calmest one near the end, because other steps join there."""
     rest_frames = min(round(REST_S * RATE_HZ), len(whole) // 4)
     joints, _ = whole.poses.world()
     calm = -np.linalg.norm(np.gradient(joints, 1 / RATE_HZ, axis=0), axis=-1).mean(axis=1)
@@ -168,7 +168,7 @@ def _from_rest_to_rest(whole: Piece, count: int) -> Piece:
 
 
 def chances(maker: Maker, segments: Sequence[Segment]) -> list[float]:
-    """Chances of segments: the same for every recording, in one of several segments by their durations.
+    """Chances of segments: the same for every recording, and within a recording in proportion to the segments' durations.
 
     By durations alone the longest recording, a calm one of 15 s, had 43 % of all phrases, and dances were 3 to 6 dB too calm.
     """
@@ -181,7 +181,7 @@ def chances(maker: Maker, segments: Sequence[Segment]) -> list[float]:
 
 
 def _phrase(maker: Maker, segment: Segment) -> Piece:
-    """A segment, of a long one a stretch, from the first to the last instant at which a foot stands."""
+    """A segment, or a stretch of a long one, from the first to the last instant at which a foot stands."""
     most = round(PHRASE_S * RATE_HZ)
     start = segment.start + int(maker.rng.integers(0, max(segment.stop - segment.start - most, 0) + 1))
     piece = maker.piece(replace(segment, start=start, stop=min(segment.stop, start + most)))

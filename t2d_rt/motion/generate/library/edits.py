@@ -1,4 +1,4 @@
-"""Changes of a piece: its time, mirror image, path and stride; how it begins, goes on in others of its kind and comes to a halt."""
+"""Change pieces: their time, mirror image, path and stride; how they begin, go on in others of their kind and come to a halt."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from t2d_rt.motion.vary import arcs
 OTHER = {"left": "right", "right": "left"}
 
 SWAPPED = [NAMES.index("_".join(OTHER.get(part, part) for part in name.split("_"))) for name in NAMES]
-"""Number of the joint on the other side, for each joint."""
+"""Index of the joint on the other side, for each joint."""
 
 
 LEAST_FLIGHT_S, DRIVE_S = 0.1, 0.4
@@ -42,7 +42,7 @@ LEAST_FLIGHT_S, DRIVE_S = 0.1, 0.4
 def mirrored(piece: Piece) -> Piece:
     """The piece seen in a mirror along its x axis: left and right change places."""
     poses = piece.poses
-    # Both sides' frames are mirror images in the rest pose: a rotation about x or z turns round, one about y stays.
+    # Both sides' frames are mirror images in the rest pose: a rotation about x or z changes sign, one about y stays.
     local = poses.local[:, SWAPPED] * [-1.0, 1.0, -1.0, 1.0]
     offsets = poses.skeleton.offsets[SWAPPED] * [1.0, -1.0, 1.0]
     image = replace(poses, skeleton=Skeleton(offsets=offsets), root=poses.root * [1.0, -1.0, 1.0], local=local)
@@ -56,8 +56,8 @@ def retimed(piece: Piece, frames: np.ndarray) -> Piece:
 
 
 def tempo(piece: Piece, factor: float) -> Piece:
-    """Faster by a factor. What would come to lie above human movement is left out: noise and impacts, which no tempo shortens, and
-    which would count in the jerk by the cube of the factor."""
+    """The piece faster by a factor. Frequencies that would come to lie above human movement are removed: noise and impacts, which
+    no tempo shortens, and which would raise the jerk by the cube of the factor."""
     if abs(factor - 1) < 1e-6:
         return piece
     count = max(2, round((len(piece) - 1) / factor) + 1)
@@ -66,7 +66,7 @@ def tempo(piece: Piece, factor: float) -> Piece:
 
 
 def _without_noise(piece: Piece, cutoff_hz: float) -> Piece:
-    """The piece below a frequency: joints' rotations and the root."""
+    """The piece with joints' rotations and root low-passed at a frequency."""
     poses = piece.poses
     local = quaternions.continuous(poses.local).reshape(len(poses), -1)
     values = low_pass(np.concatenate([poses.root, local], axis=1), min(cutoff_hz, 0.4 * poses.rate_hz), poses.rate_hz)
@@ -75,7 +75,7 @@ def _without_noise(piece: Piece, cutoff_hz: float) -> Piece:
 
 
 def paced(piece: Piece, factor: float) -> Piece:
-    """A jump faster by a factor where it stands; flights, and what drives and catches them, keep their time.
+    """A jump faster by a factor while it stands; flights, and the times of pushing off and landing, keep their pace.
 
     A body in flight falls with g at any pace: played faster it would fall faster, and push off with more than its own force.
     """
@@ -117,13 +117,13 @@ def strided(piece: Piece, factor: float | np.ndarray) -> Piece:
 
 
 def bent(piece: Piece, angle_rad: np.ndarray) -> Piece:
-    """The path bent: at each frame the body and its velocity are turned by an angle (T,) about the vertical, left positive."""
+    """The piece whose body and velocity are turned at each frame by an angle (T,) about the vertical, left positive."""
     poses = arcs.bent(piece.poses, piece.planted, angle_rad)
     return piece.posed(root=poses.root, local=poses.local)
 
 
 def straddled(piece: Piece, angle_rad: float) -> Piece:
-    """Legs apart by an angle each: feet stand wider."""
+    """The piece with each leg held outward by an angle, so that feet stand wider."""
     local = piece.poses.local.copy()
     for side, sign in zip(SIDES, (1.0, -1.0), strict=True):
         hip = INDEX[f"{side}_hip"]
@@ -133,33 +133,33 @@ def straddled(piece: Piece, angle_rad: float) -> Piece:
 
 
 def shifted(piece: Piece, offset_m: np.ndarray) -> Piece:
-    """The root moved by an offset (T, 3) [m]."""
+    """The piece with its root moved by an offset (T, 3) [m]."""
     return piece.posed(root=piece.poses.root + offset_m)
 
 
 TRUNK = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
 ARM_PARTS = {"collar": 1.0, "shoulder": 1.0, "elbow": 0.3, "wrist": 1.0, "hand": 1.0}
-"""Parts of an arm, and how much of another's they take on: whoever runs bends the elbows."""
+"""Parts of an arm, and how much of another's movement they take over: runners keep their elbows bent."""
 
 IN_STEP_S = 0.1
-"""Time over which the pace of what goes in step with another is smoothed."""
+"""Time over which the pace of a body that goes in step with other legs is smoothed."""
 
 MOST_SWUNG = 2.0
-"""Factor of arms' swing that makes good what mixing two of them takes away."""
+"""Greatest factor on the arms' swing that makes up for what mixing two swings takes away."""
 
 
 def carrying(legs: Piece, body: Piece, *, trunk: float, arms: float) -> Piece:
     """A gait with the posture of another one's trunk and head and the movement of its arms, by parts of 0 to 1, in step with it.
 
-    A step is told by the ankles passing each other, left for left, so that arms swing against the legs as they did; they swing as
-    far as the gait's own. Where the body takes fewer steps than the legs, the gait stays as it is.
+    Steps are found where the ankles pass each other, left for left, so that arms swing against the legs as before; they swing as
+    far as the gait's own. If the body takes fewer steps than the legs, the gait stays as it is.
     """
     legs_at, body_at = passes(legs), passes(body)
     body_at = body_at[int(len(legs_at) > 0 and len(body_at) > 0 and legs_at[0, 1] != body_at[0, 1]) :]
     if len(legs_at) < 3 or len(body_at) < len(legs_at) + 2:
         return legs
     pace = np.diff(legs_at[:, 0]).mean()
-    # Before the first pass and after the last the pace goes on.
+    # Before the first pass and after the last one the pace stays the same.
     ends = [legs_at[0, 0] - pace, *legs_at[:, 0], legs_at[-1, 0] + pace]
     steps = np.interp(np.arange(len(legs)), ends, np.arange(len(ends)))
     frames = np.interp(steps, np.arange(len(body_at)), body_at[:, 0])
@@ -184,7 +184,7 @@ def _mean(rotation: np.ndarray) -> np.ndarray:
 
 
 def _swing(rotation: np.ndarray) -> float:
-    """Root mean square of how far rotations (T, 4) are from their mean [rad]."""
+    """Root mean square of the angles of rotations (T, 4) from their mean [rad]."""
     away = rotation_vector(quaternions.multiply(rotation, quaternions.conjugate(_mean(rotation))))
     return float(np.sqrt((away**2).sum(axis=-1).mean()))
 
@@ -199,7 +199,7 @@ def passes(piece: Piece) -> np.ndarray:
 
 
 def aligned(piece: Piece) -> Piece:
-    """Begins at the origin; the straight line from start to end, or the heading where it hardly travels, lies along +x."""
+    """The piece moved to begin at the origin, with the line from start to end, or the heading if it hardly travels, along +x."""
     poses = piece.poses
     net = poses.root[-1, :2] - poses.root[0, :2]
     heading = float(np.angle(np.exp(1j * heading_rad(poses)).mean()))
@@ -208,7 +208,7 @@ def aligned(piece: Piece) -> Piece:
 
 
 def swing_of(piece: Piece) -> float:
-    """How far the wrists go to and fro against the shoulders along x, twice the leg being one: 90 % of the range, mean of both.
+    """Range (5th to 95th percentile) of the wrists against the shoulders along x, over twice the leg's length, mean of both sides.
 
     `Gait.arm_swing` is over the stature in place of twice the leg, which is 0.94 to 0.96 of it, and so 4 to 6 % less.
     """
@@ -231,14 +231,14 @@ HALT_S = 1.2
 
 
 START_S = 1.0
-"""Time in which a walk gets up its speed (Breniere, Do 1986: about a step)."""
+"""Time in which a walk reaches its speed (Breniere, Do 1986: about a step)."""
 
 AT_REST_MPS = 0.3
-"""Speed of the pelvis of one who does not walk."""
+"""Speed of the pelvis below which nobody walks."""
 
 CROSSES_AT, LEAST_GAIN_S = 1.3, 0.5
-"""A seam away from the ends of clips is taken up to so many times the distance of poses of the best one, and where what follows it
-is longer than what it replaces by so much: a clip that hardly holds a stride is nearest to itself a few frames on."""
+"""A seam away from the ends of clips is taken if its distance of poses is below this multiple of that of the best seam at the ends,
+and if it lengthens the whole by this time: a clip that hardly holds a stride is nearest to itself a few frames on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,10 +251,10 @@ class Seam:
     start: int
     apart_m: float
     crosses: bool
-    """Whether both have frames enough about the seam to go over from one to the other."""
+    """Whether both have enough frames about the seam to pass from one to the other."""
 
     def joined(self) -> Piece:
-        """The whole and what follows."""
+        """The whole and the following piece, joined at the seam."""
         if self.crosses:
             return crossed(self.whole, self.following, self.cut, self.start)
         remainder = self.following.part(self.start + 1, len(self.following))
@@ -262,7 +262,7 @@ class Seam:
 
 
 def best_crossing(whole: Piece, following: Piece) -> Seam:
-    """The best seam at which two gaits cross; where a clip hardly holds a stride, and only its ends match, one at those."""
+    """The best seam at which two gaits cross; if a clip hardly holds a stride, and only its ends match, one at these."""
     length, beyond = min(len(whole), len(following)), round(0.5 * CROSSING_S * RATE_HZ)
     at_ends = _best_within(whole, following, 2)
     within = _best_within(whole, following, beyond) if length > 4 * beyond else at_ends
@@ -287,7 +287,7 @@ def halted(piece: Piece, following: Piece) -> Piece:
     last = min(len(piece) - 1, round(HALT_S * RATE_HZ))
     falling = minimum_jerk((np.arange(len(piece)) - (len(piece) - last)) / last)
     short = strided(piece, 1 - 0.9 * falling)
-    # Time runs at 0.55 of its pace at last, as it does at first when a walk begins.
+    # Time runs at 0.55 of its pace at the end, as it does at the beginning of a walk.
     shown_at = np.concatenate([[0.0], np.cumsum(1 / (1 - 0.45 * falling[:-1]))])
     return retimed(short, np.interp(np.arange(int(shown_at[-1]) + 1), shown_at, np.arange(len(piece))))
 
@@ -299,13 +299,13 @@ def begun(before: Piece, piece: Piece) -> Piece:
         return piece
     rising = minimum_jerk(np.arange(len(piece)) / (START_S * RATE_HZ))
     slow = strided(piece, 0.25 + 0.75 * rising)
-    # Time runs at 0.55 of its pace at first.
+    # Time runs at 0.55 of its pace at the beginning.
     frames = np.concatenate([[0.0], np.cumsum(0.55 + 0.45 * rising)])
     return retimed(slow, frames[frames <= len(piece) - 1])
 
 
 def pace_mps(piece: Piece, end: int) -> float:
-    """Horizontal speed of the pelvis over a third of a second at the begin (0) or at the end (-1)."""
+    """Horizontal speed of the pelvis over a third of a second at the beginning (0) or at the end (-1)."""
     frames = min(20, len(piece))
     part = piece.poses.root[:frames, :2] if end == 0 else piece.poses.root[-frames:, :2]
     return float(np.linalg.norm(part[-1] - part[0]) * RATE_HZ / max(frames - 1, 1))

@@ -1,4 +1,4 @@
-"""Who moves: stature, proportions, handedness, tempo and habits from a seed; and what makes pieces of clips for this person."""
+"""Draw a person from a seed (stature, proportions, handedness, tempo, habits), and make pieces of clips for this person."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from t2d_rt.motion.interpolate import wander
 from t2d_rt.motion.kinematics import INDEX, NAMES, Skeleton, retargeted, skeleton_of
 from t2d_rt.types.motion import CANONICAL_JOINTS, OPTIONAL_JOINTS, Breathing
 
-# --- who moves: stature, proportions, handedness, tempo and habits of one person, drawn from a seed ---
+# --- stature, proportions, handedness, tempo and habits of one person, drawn from a seed ---
 
 
 STATURE_M: dict[Subject, tuple[tuple[str, float, float], ...]] = {
@@ -33,7 +33,7 @@ STATURE_M: dict[Subject, tuple[tuple[str, float, float], ...]] = {
     "old_person": (("old", 1.66, 0.085),),
     "heavy_person": (("heavy", 1.72, 0.085),),
 }
-"""Bodies of a subject with mean and standard deviation of their stature [m]: adults of the United States (Fryar, Gu, Ogden, Flegal
+"""Bodies by subject, with mean and standard deviation of their stature [m]: adults of the United States (Fryar, Gu, Ogden, Flegal
 2016: men 175.7 cm, women 161.8 cm, old ones 2 to 4 cm less), children of 6 to 9 years."""
 
 LEGS, ARMS, WIDTHS = 0.018, 0.03, 0.03
@@ -54,17 +54,17 @@ MOST_INWARD_RAD = 0.08
 """Greatest angle by which a habit brings an arm nearer to the body."""
 
 RESTING_HZ, RESTING_DEPTH_M = (0.2, 0.35), (0.004, 0.012)
-"""Breaths a second of people at rest, and how far the front of the trunk comes forward in one: of five people who sat the ribs by
-3 to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); radars meet up to 12 mm (Shafiq
-and Veluvolu 2014, Sci. Rep. 4: 5093)."""
+"""Breaths per second of people at rest, and how far the front of the trunk comes forward in one: in five people who sat, the ribs
+moved by 3 to 5 mm, the abdomen almost straight forward (De Groote et al. 1997, J. Appl. Physiol. 83: 1531); radars measure up to
+12 mm (Shafiq and Veluvolu 2014, Sci. Rep. 4: 5093)."""
 
 SPINE = "lower_back", "spine1", "spine2", "spine3", "neck", "head", "head_top"
 
 SWAY = 0.35
-"""Slow variation of the same angles in time, over their spread between persons."""
+"""Slow variation of the angles of `POSTURE_RAD` in time, over their spread between persons."""
 
 SLOW_HZ = 0.15, 0.6
-"""Frequencies of that variation."""
+"""Band of the frequencies of that variation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,23 +72,23 @@ class Individual:
     """One person, as drawn from a seed."""
 
     body: str
-    """Shipped body that suits."""
+    """Name of a shipped body that suits the person."""
     stature_m: float
     skeleton: Skeleton
     left_handed: bool
     tempo: float
-    """Factor of the pace of movements, beside what leg length does."""
+    """Factor of the pace of movements, beside the effect of leg length."""
     vigour: float
     """Factor of the swing of the arms."""
     habit: np.ndarray
-    """Rotation vectors of habitual posture [rad], (28, 3)."""
+    """Rotation vectors (28, 3) [rad] of habitual posture."""
     breathing: Breathing
 
 
 def individual(
     subject: Subject, rng: np.random.Generator, *, body: str | None = None, stature_m: float | None = None
 ) -> Individual:
-    """A person drawn from those whom the subject names; a body and a stature [m] that are given are kept."""
+    """A person drawn for a subject; a body and a stature [m] that are given are kept. Raises an InputError if they are wrong."""
     name, height_m = drawn_person(subject, rng)
     if stature_m is not None:
         height_m = number("stature_m", stature_m, 0.6, 2.4, unit="m")
@@ -125,7 +125,7 @@ def individual(
 
 
 def drawn_person(subject: Subject, rng: np.random.Generator, *, body: str | None = None) -> tuple[str, float]:
-    """Body and stature [m] of one of those whom a subject names, or of a person of the body given."""
+    """Body and stature [m], drawn for a subject or for a given body."""
     of_body = [kind for kinds in STATURE_M.values() for kind in kinds if kind[0] == body]
     kinds = STATURE_M[subject] if body is None or not of_body else of_body
     name, mean, spread = kinds[int(rng.integers(len(kinds)))]
@@ -163,7 +163,7 @@ def _rest(body: str) -> Skeleton:
 
 
 def _proportioned(rest: Skeleton, stature_m: float, normal: np.ndarray) -> Skeleton:
-    """A rest skeleton of some stature with lengths that vary: normal (3,) for legs, arms and breadths."""
+    """The rest skeleton scaled to a stature, with lengths of legs, arms and breadths varied by normal draws (3,)."""
     factors = np.ones((len(NAMES), 3))
     legs, arms, widths = np.exp(np.array([LEGS, ARMS, WIDTHS]) * np.clip(normal, -2.5, 2.5))
     for side in ("left", "right"):
@@ -189,20 +189,19 @@ def _legs_m(offsets: np.ndarray) -> np.floating[Any]:
     return -np.mean([sum(offsets[INDEX[name], 2] for name in chain) for chain in chains])
 
 
-# --- what makes pieces from clips: the store, the person and the random numbers, and quiet standing, of which every
-# move makes use ---
+# --- the maker of pieces from clips, and quiet standing, which every move uses ---
 
 
 @dataclass(frozen=True, slots=True)
 class Maker:
-    """What makes pieces: the clips, the person and the random numbers."""
+    """Makes pieces from clips, for a person, with random numbers."""
 
     store: Store
     person: Individual
     rng: np.random.Generator
 
     def segments(self, action: str, *kinds: str) -> list[Segment]:
-        """Segments of an action, of the `kinds` where some are named."""
+        """Segments of an action, of the `kinds` if some are named; raises an InputError if there are none."""
         clips = [clip for clip in self.store.segments if clip.action == action and (not kinds or clip.kind in kinds)]
         if not clips:
             raise InputError(
@@ -211,7 +210,7 @@ class Maker:
         return clips
 
     def piece(self, segment: Segment, *, mirror: bool | None = None) -> Piece:
-        """A segment on the person's own skeleton, at the tempo of their legs, along +x; mirrored or not as drawn."""
+        """A segment on the person's own skeleton, at the tempo of their legs, along +x; without `mirror`, mirroring is drawn."""
         piece = self.store.piece(segment)
         leg_m = piece.poses.skeleton.leg_m
         if mirror if mirror is not None else bool(self.rng.random() < 0.5):
@@ -221,13 +220,13 @@ class Maker:
         return edits.aligned(piece)
 
     def draw(self, segments: Sequence[Segment], weights: Sequence[float] | None = None) -> Segment:
-        """One of the segments, drawn with weights."""
+        """One of the segments, drawn with weights if some are given."""
         chances = None if weights is None else np.asarray(weights) / np.sum(weights)
         return segments[int(self.rng.choice(len(segments), p=chances))]
 
 
 def stand(maker: Maker, step: Step, duration_s: float, *, clip: str = "") -> Piece:
-    """Quiet standing: a clip of it to and fro; beside a recording `clip` of it, or of one that shows nothing like it."""
+    """Quiet standing: a clip played to and fro; beside a recording `clip` it is of the same one, or of one without such action."""
     segments = maker.segments("stand")
     if clip:
         action = next(part.action for part in maker.store.segments if part.clip == clip and part.action != "stand")

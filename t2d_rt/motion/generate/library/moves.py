@@ -1,4 +1,4 @@
-"""Walking, running, jumping, dancing, turning and standing from clips, in the manner that a description asks for."""
+"""Make walking, running, jumping, dancing, turning and standing from clips, in the manner that a description asks for."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class Change:
     tempo: float = 1.0
     stride: float = 1.0
     trunk_deg: float = 0.0
-    """Lean forward."""
+    """Forward lean of the trunk."""
     head_deg: float = 0.0
-    """Nod down."""
+    """Downward nod of the head."""
     arms: float = 1.0
     """Factor of the arms' swing."""
     elbows_deg: float = 0.0
-    """Further bend."""
+    """Further bend of the elbows."""
     apart_deg: float = 0.0
-    """Arms farther from the body."""
+    """Angle by which the arms are farther from the body."""
     bounce: float = 1.0
     """Factor of the pelvis's rise and fall."""
     crouch: float = 0.0
@@ -59,15 +59,15 @@ CHANGES: Mapping[Manner, Change] = {
 Fredrickson 2012). Care: shorter and slower steps, gaze to the floor, as on slippery ground (Cham, Redfern 2002)."""
 
 STRENGTH = 0.6, 1.3
-"""Range of how much of a change a sample has."""
+"""Range of the strength of a change in a sample."""
 
 RUN_SWING, WALK_SWING_S_PER_M, SWING_SPREAD = 0.15, 0.155, 0.3
-"""How far wrists swing against their shoulders over the stature: of runs, of walks by their speed [s/m], medians, and deviation of
-the logarithm. Of four recorded runners at 2.5 to 3.5 m/s 0.09, 0.16, 0.175 and 0.19, the first in six of the eight clips; of seven
-walkers at 0.9 to 1.6 m/s 0.10 to 0.27 s/m times their speed."""
+"""Medians of the wrists' swing against the shoulders, over stature, in runs and, by speed [s/m], in walks; standard deviation of
+its logarithm. Four recorded runners at 2.5 to 3.5 m/s have 0.09, 0.16, 0.175 and 0.19, the first in six of the eight clips; seven
+walkers at 0.9 to 1.6 m/s have 0.10 to 0.27 s/m times their speed."""
 
 SWUNG, ELBOWS_SWUNG = (0.6, 3.0), 1.2
-"""Limits of the factor by which arms swing farther for that, and the greatest of elbows: they bend to 150 degrees."""
+"""Limits of the factor by which arms swing farther for that, and the greatest factor of elbows, which bend to 150 degrees."""
 
 STYLES: Mapping[str, Change] = {
     "run": Change(trunk_deg=3, head_deg=4, arms=SWING_SPREAD, elbows_deg=10, apart_deg=5, bounce=0.12, crouch=0.008),
@@ -82,7 +82,7 @@ CADENCE_FRACTION = 0.5, 0.12
 
 
 def styled(maker: Maker, piece: Piece, step: Step) -> Piece:
-    """A run, walk or jump in the way of this person."""
+    """A run, walk or jump in the style of this person."""
     if step.action not in STYLES:
         return piece
     spread, draw = STYLES[step.action], maker.rng.standard_normal(7).clip(-2, 2)
@@ -110,16 +110,16 @@ def with_manner(piece: Piece, step: Step, rng: np.random.Generator) -> Piece:
 
 
 def _changed(piece: Piece, step: Step, change: Change, strength: float) -> Piece:
-    """The piece with so much of a change."""
+    """The piece with a change of the given strength."""
     travels = step.action in ("walk", "run")
-    # A manner brings its own pace; where the description says the speed, that is said already.
+    # A manner has its own pace, unless the description says the speed.
     pace = strength if step.speed == "normal" else 0.0
     piece = (edits.paced if step.action in ("jump", "dance") else edits.tempo)(piece, change.tempo**pace)
     if travels:
         piece = edits.strided(piece, change.stride**pace)
     arms = change.arms**strength
     if step.action in ("dance", "jump"):
-        # Arms of dancers and jumpers swing as far as they can: farther, they would go faster than recorded ones.
+        # Arms of dancers and jumpers swing as far as they can; if they swung farther, they would be faster than recorded ones.
         arms = min(arms, 1.0)
     local = piece.poses.local.copy()
     for joint, part in (("spine1", 0.4), ("spine2", 0.3), ("spine3", 0.3)):
@@ -165,17 +165,17 @@ DURATION_S: Mapping[Action, tuple[float, float]] = {
     "stand": (1.5, 3.0),
     "jump": (2.5, 7.0),
 }
-"""Range of durations [s] where none is given; of a step beside others, half."""
+"""Range of durations [s] if none is given; a step beside others has half of it."""
 
 JOGS, SLOWEST_STEPS_HZ = 0.6, 1.4
-"""Chance that who runs has a walker's trunk and arms, and steps a second of the slowest of walks."""
+"""Chance that a runner has a walker's trunk and arms, and steps per second of the slowest walk."""
 
 WALKERS_TRUNK, WALKERS_ARMS = (0.4, 1.0), (0.3, 0.8)
 """Ranges of how much of a walker's trunk and arms a run takes over, from none (0) to all (1)."""
 
 WARP = 0.72, 1.38
-"""Limits of the factor by which a clip's speed is changed, half of it (as a logarithm) by tempo and half by stride, as people do:
-step length over cadence keeps constant (Sekiya, Nagasaki 1998)."""
+"""Limits of the factor by which a clip's speed is changed, on average half of it (as a logarithm) by tempo and half by stride, as
+people do: step length over cadence stays constant (Sekiya, Nagasaki 1998)."""
 
 MOST_QUICKENED = 1.6
 """Factor by which the steps of a turn on the spot come faster than those of a slow walk: 120 a minute for 75."""
@@ -191,22 +191,22 @@ LANDING_S = 0.5
 """Time after a flight in which the knees give and straighten again."""
 
 LATE_S, LATE_OF_LASTING_S = 1.6, 0.8
-"""By how much longer one may stand before the first jump, and before jumps that are to last for a given time."""
+"""Longest time by which a person stands longer before the first jump, and before jumps that are to last for a given time."""
 
 LIFTED_S = 0.4
-"""Time in which the free leg of one who hops is drawn up, or put down."""
+"""Time in which the free leg is drawn up before hopping, or put down after it."""
 
 QUIET_S = 0.8
 """Time of standing before and after a turn on the spot."""
 
 ROUND_M = 0.05, 0.14
-"""Radius of the circle that the hips of one who turns on the spot go round: feet are set down beside each other."""
+"""Range of the radius of the circle that the hips go round in a turn on the spot, as feet are set down beside each other."""
 
 MOST_SLOWED = 2.5
-"""Factor by which a turn that is to last is slower than one at ease; what is left of the time is spent standing."""
+"""Greatest factor by which a turn with a given duration is slower than one at ease; the rest of the time is spent standing."""
 
 TRAVEL_HZ = 0.4
-"""Frequency below which hips travel, and above which they sway with the steps, 0.7 to 1.5 strides a second."""
+"""Frequency below which hips travel, and above which they sway with the steps (0.7 to 1.5 strides a second)."""
 
 STEP_S = 1.2
 """Time in which a foot is lifted and stands again."""
@@ -222,7 +222,10 @@ TURNS_DEG: Mapping[str | None, float] = {"back": 180.0, "clockwise": 360.0, "cou
 
 
 def made_of_clips(maker: Maker, step: Step, *, alone: bool = True) -> Piece:
-    """The piece that a step asks for. alone: it is all of its description, and so may last longer."""
+    """The piece that a step asks for; with `alone` it is all of its description, and so may last longer.
+
+    Raises an InputError if the library has no clips of its action.
+    """
     clips = own_clips(maker.store, step)
     if step.action not in ACTIONS and not clips:
         raise InputError(f"the library has no clips of {step.action}; it makes {', '.join(ACTIONS)}")
@@ -233,7 +236,7 @@ def made_of_clips(maker: Maker, step: Step, *, alone: bool = True) -> Piece:
 
 
 def own_clips(store: Store, step: Step) -> list[Segment]:
-    """A user's clips that show just what a step asks for: an action of which none ships, or one in the step's direction."""
+    """A user's clips that show just what a step asks for: an action of which no clip ships, or one in the step's direction."""
     clips = [segment for segment in store.segments if segment.clip in store.own and segment.action == step.action]
     if step.action in ACTIONS:
         return [segment for segment in clips if segment.direction and segment.direction == step.direction]
@@ -241,8 +244,8 @@ def own_clips(store: Store, step: Step) -> list[Segment]:
 
 
 def _as_recorded(maker: Maker, step: Step, segments: list[Segment]) -> Piece:
-    """A clip as it is, at a pace of the step's speed or so that it lasts as long as that says."""
-    # Of a clip in some sense nobody shows the mirror image.
+    """A clip as it is, at the pace of the step's speed, or at that of its duration."""
+    # The mirror image of a clip with a sense of rotation would show the other sense.
     piece = maker.piece(maker.draw(segments), mirror=False if step.direction in SENSES else None)
     pace = {"slow": 0.85, "normal": 1.0, "fast": 1.15}[step.speed] * maker.person.tempo
     if step.duration_s is not None:
@@ -266,7 +269,7 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
     factor = float(np.clip(target_mps / max(edits.rate_of(whole.poses), 0.1), *WARP))
     fraction = CADENCE_FRACTION[0] + CADENCE_FRACTION[1] * float(np.clip(maker.rng.standard_normal(), -2, 2))
     count = round(duration_s * RATE_HZ * factor**fraction) + 1
-    others = _alike(maker, first) if step.action == "walk" else [first]  # of few runs one would be in every third
+    others = _alike(maker, first) if step.action == "walk" else [first]  # runs are few, and one would be in every third
     begin = int(maker.rng.integers(0, max(1, len(whole) - count + 1))) if len(whole) > count else 0
     whole = whole.part(begin, len(whole))
     while len(whole) < count:
@@ -282,8 +285,8 @@ def gait(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _in_place(maker: Maker, step: Step, duration_s: float) -> Piece:
-    """A walk or run without its travel; of a walk the thighs are raised more. Made longer and cut: a first and a last step that are
-    not whole would reach ahead and behind."""
+    """A walk or run without its travel; in a walk the thighs are raised more. It is made longer and then cut, because a first and a
+    last step that are not whole would reach ahead and behind."""
     whole = gait(maker, step.model_copy(update={"direction": None}), duration_s + 2 * STEP_S)
     travel = low_pass(whole.poses.root[:, :2], TRAVEL_HZ, RATE_HZ)
     whole = edits.shifted(whole, np.pad(travel[0] - travel, ((0, 0), (0, 1)))).noted("on the spot")
@@ -301,7 +304,7 @@ def _in_place(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _jogging(maker: Maker, legs: Piece) -> Piece:
-    """Recorded runners' legs and pelvis with so much of a walker's trunk and arms: few runs are recorded and many walks."""
+    """Recorded runners' legs and pelvis with a part of a walker's trunk and arms, because few runs are recorded but many walks."""
     if maker.rng.random() >= JOGS:
         return legs
     lasting_s = (len(edits.passes(legs)) + 4) / SLOWEST_STEPS_HZ
@@ -319,7 +322,7 @@ def _first_clip(maker: Maker, step: Step, target_mps: float) -> Segment:
         segments = manner_clips if manner_clips and maker.rng.random() < 0.4 else neutral
     scaled = np.array([clip.speed_mps for clip in segments]) * np.sqrt(maker.person.skeleton.leg_m / LEG_M)
     misfit = np.log(np.maximum(scaled, 0.05) / target_mps)
-    # Half as likely at 12 % beside the speed, of few recorded runs at 35 %; the one that is nearest is always possible.
+    # A clip is half as likely at 12 % off the speed, a run (of which there are few) at 35 %; the nearest one is always possible.
     width = 0.1 if step.action == "walk" else 0.3
     weights = np.exp(-((np.abs(misfit) - np.abs(misfit).min()) ** 2) / (2 * width**2))
     return maker.draw(segments, list(weights))
@@ -365,19 +368,19 @@ def directed(maker: Maker, piece: Piece, step: Step) -> Piece:
 
 
 def _sense(maker: Maker, step: Step) -> float:
-    """Sign of a turn's angle, 1 to the left: drawn where the step says no direction; who turns back does it to the left."""
+    """Sign of a turn's angle, 1 to the left: drawn if the step says no direction; a turn back goes to the left."""
     return SENSES.get(step.direction, 1.0) if step.direction else float(maker.rng.choice([-1, 1]))
 
 
 def angle_deg(step: Step) -> float:
-    """By which somebody turns: as far as is said, or as its direction has it [degrees]."""
+    """Angle of a turn [degrees]: the one that the step says, or that of its direction."""
     return step.angle_deg or TURNS_DEG.get(step.direction, 90.0)
 
 
 def turn(maker: Maker, step: Step, _: float) -> Piece:
-    """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is carried round and whose steps are
-    so short that it goes round a circle of `ROUND_M`; how long that takes follows from the angle, or, where only how long is said,
-    the angle from that."""
+    """Turning on the spot in small steps, from standing to standing: a slow walk whose heading is turned and whose steps are so
+    short that it goes round a circle of `ROUND_M`. Its duration follows from the angle, or, if only the duration is said, the angle
+    from the duration."""
     sign = _sense(maker, step)
     rate = {"slow": 55.0, "normal": 85.0, "fast": 120.0}[step.speed] * maker.person.tempo
     angle = np.radians(angle_deg(step))
@@ -397,11 +400,13 @@ def turn(maker: Maker, step: Step, _: float) -> Piece:
 
 
 def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
-    """So much of a walk as lasts `lasting_s`, its steps so quick that a body which turns by an angle meanwhile turns no farther
-    over a standing foot than hips do, up to `MOST_QUICKENED` times as quick."""
+    """The part of a walk that lasts `lasting_s`, with steps so quick, up to `MOST_QUICKENED` times, that a body which turns by an
+    angle meanwhile turns no farther over a standing foot than hips do."""
     stands = [stop - start for side in range(2) for start, stop in runs(np.asarray(walk.planted[:, side].any(axis=1)))]
     stance_s = float(np.median(stands)) / RATE_HZ if stands else 0.0
-    fastest = 1.875 / 0.8 * angle_rad / lasting_s  # of a smooth step of least jerk over the middle 80 % of the time
+    fastest = (
+        1.875 / 0.8 * angle_rad / lasting_s
+    )  # greatest rate of a minimum-jerk step over the middle 80 % of the time
     factor = float(np.clip(fastest * stance_s / (2 * MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
     return edits.tempo(walk.part(0, round(factor * lasting_s * RATE_HZ) + 1), factor)
 
@@ -409,7 +414,7 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
 def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
     """Jumps one after another: forward, up, on one leg, or jumping jacks; as many as are asked for, or for as long.
 
-    Of both, the duration counts: quick jumps are taken, and a note tells how many fit.
+    If both are given, the duration counts: quick jumps are taken, and a note tells how many fit.
     """
     kinds = _kinds(maker, step)
     segments = maker.segments("jump", *kinds)
@@ -419,7 +424,7 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
         jump_s = {segment.name: segment.duration_s / max(segment.count, 1) for segment in segments}
         most_s = max(pace * step.duration_s / (step.count + 1), min(jump_s.values()))
         segments = [segment for segment in segments if jump_s[segment.name] <= most_s]
-    # Who jumps quickly takes jumps that follow one another, who jumps slowly those with standing and balancing about them.
+    # Quick jumps are mostly those that follow one another, slow jumps those with standing and balancing around them.
     often = {"slow": -1.0, "normal": 0.0, "fast": 1.0}[step.speed]
     chances = [(max(segment.count, 1) / segment.duration_s) ** often for segment in segments]
     pieces: list[Piece] = []
@@ -449,7 +454,7 @@ def jump(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _kinds(maker: Maker, step: Step) -> tuple[str, ...]:
-    """Which recorded jumps show what a step asks for; of these every recording has the same chance."""
+    """Kinds of the recorded jumps that show what a step asks for."""
     ahead = step.direction in ("forward", "straight", None)
     if step.body_part in ("foot", "leg") and ahead and any(segment.kind == "hop" for segment in maker.store.segments):
         return ("hop",) if step.direction is None else ("hop", "forward")
@@ -467,13 +472,13 @@ def _enough(step: Step, done: int, total_s: float, duration_s: float) -> bool:
 
 
 def flights(piece: Piece) -> list[tuple[int, int]]:
-    """Frames, first and behind the last, in which neither foot stands for `SHORTEST_FLIGHT_S` or longer."""
+    """First frame, and the one after the last, of each time of `SHORTEST_FLIGHT_S` or longer in which neither foot stands."""
     air = np.asarray(~piece.planted.any(axis=(1, 2)))
     return [(start, stop) for start, stop in runs(air) if stop - start >= SHORTEST_FLIGHT_S * RATE_HZ]
 
 
 def _with_flights(piece: Piece, most: int) -> Piece:
-    """A piece up to the middle of the contact after so many flights."""
+    """A piece up to the middle of the contact after the given number of flights."""
     spans = flights(piece)
     if len(spans) <= most:
         return piece
@@ -481,7 +486,7 @@ def _with_flights(piece: Piece, most: int) -> Piece:
 
 
 def _until(maker: Maker, piece: Piece, duration_s: float, clip: str) -> Piece:
-    """Jumps that last so long: up to the last landing before the end, and standing then."""
+    """Jumps of the given duration: up to the last landing before its end, and then standing."""
     count = round(duration_s * RATE_HZ) + 1
     landed = [stop for _, stop in flights(piece) if stop + LANDING_S * RATE_HZ < count]
     if not landed:
@@ -494,7 +499,7 @@ def _until(maker: Maker, piece: Piece, duration_s: float, clip: str) -> Piece:
 
 
 def _on_one_leg(maker: Maker, piece: Piece, side: str | None) -> Piece:
-    """Jumps of both legs with one of them drawn up, from the begin to the end of what is done on the `side` leg."""
+    """Jumps of both legs with one of them drawn up from beginning to end, so that they are done on the `side` leg."""
     stands = side or str(maker.rng.choice(["left", "right"]))
     free = "right" if stands == "left" else "left"
     frames = np.arange(len(piece))
@@ -511,7 +516,7 @@ def _on_one_leg(maker: Maker, piece: Piece, side: str | None) -> Piece:
 
 
 def _begun_late(maker: Maker, piece: Piece, clip: str, more_s: float) -> Piece:
-    """A jump with a part of the standing before it, or with up to `more_s` more."""
+    """A jump with less of the standing before it, or with up to `more_s` more of it."""
     lifted = np.flatnonzero(~piece.planted.any(axis=(1, 2)))
     most = int(lifted[0]) // 2 if len(lifted) else 0
     change = int(maker.rng.integers(-round(more_s * RATE_HZ), most + 1))
@@ -522,7 +527,7 @@ def _begun_late(maker: Maker, piece: Piece, clip: str, more_s: float) -> Piece:
 
 
 def _thrown(maker: Maker, piece: Piece, step: Step) -> Piece:
-    """A jump carried back or aside, or round, while it is in the air; forward jumps are shorter and longer than recorded ones."""
+    """A jump moved back or aside, or turned, while it is in the air; forward jumps become shorter or longer than recorded ones."""
     if step.direction in ("forward", "straight", None):
         return edits.strided(piece, float(maker.rng.uniform(0.7, 1.3)))
     if step.direction not in ("back", "left", "right", "clockwise", "counterclockwise"):
@@ -551,4 +556,4 @@ ACTIONS: Mapping[Action, Callable[[Maker, Step, float], Piece]] = {
     "jump": jump,
     "dance": dance,
 }
-"""What makes each action."""
+"""The function that makes each action."""

@@ -33,7 +33,7 @@ RATE_HZ = 60.0
 QUATERNION_STEPS, ROOT_STEPS = 30_000, 20_000
 
 KEPT = [number for number, name in enumerate(NAMES) if name not in OPTIONAL_JOINTS]
-"""Joints whose rotations are stored; ends go with their parents."""
+"""Joints whose rotations are stored; ends turn with their parents."""
 
 MOST_BYTES = 50_000_000
 
@@ -52,10 +52,10 @@ class Segment:
     """One of the classes of the paper."""
     action: str
     kind: str = ""
-    """Of the action: steady, start, stop or turn of a walk; up, forward, hop or jacks of a jump."""
+    """Kind of the action: steady, start, stop or turn of a walk; up, forward, hop or jacks of a jump."""
     manner: str = ""
     direction: str = ""
-    """Direction of the description that it shows, where a user says one."""
+    """Direction of a description that it shows, if a user says one."""
     speed_mps: float = 0.0
     """Mean horizontal speed of the pelvis."""
     turn_deg: float = 0.0
@@ -88,12 +88,12 @@ class Source:
     sha256: str
     """Hash of the recorded file's content, unpacked."""
     subject: str
-    """Whose recording it is, as far as that is known: clips of one subject join best."""
+    """The recorded person, as far as known: clips of one subject join best."""
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """All that ships, or an index of the same make elsewhere."""
+    """The clips that ship, or those of another index of the same form."""
 
     segments: tuple[Segment, ...]
     sources: Mapping[str, Source]
@@ -103,7 +103,7 @@ class Store:
     """Motion files of the user by the name of their clip."""
 
     def piece(self, segment: Segment) -> Piece:
-        """A segment's poses and contacts."""
+        """A segment's poses and contacts; raises an InputError if the segment lies outside its clip."""
         if segment.clip in self.own:
             from t2d_rt.motion.generate.library.users import recorded
 
@@ -126,7 +126,7 @@ def shipped() -> Store:
 
 
 def read_store(index: Path, clips: Path) -> Store:
-    """An index and the clips that it names; the clips are read when they are used."""
+    """An index and the clips that it names, which are read when they are used; raises an InputError if the index is damaged."""
     try:
         values = json.loads(read_bytes(index, limit=MOST_BYTES, noun="clip index"))
         segments = tuple(Segment(**_typed(Segment, entry)) for entry in values["segments"])
@@ -143,7 +143,7 @@ def read_store(index: Path, clips: Path) -> Store:
 
 @lru_cache(maxsize=64)
 def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
-    """Poses of a clip and its contacts (T, 2, 2)."""
+    """Poses of a clip and its contacts (T, 2, 2); raises an InputError if it cannot be read."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as data:
             packed, skeleton = data[name], data[f"{name}.skeleton"]
@@ -154,14 +154,14 @@ def clip(path: Path, name: str) -> tuple[Poses, np.ndarray]:
 
 
 def locked(poses: Poses, planted: np.ndarray) -> tuple[Poses, np.ndarray]:
-    """The same arrays, which nobody can write any more: every motion of a clip shares them."""
+    """The same arrays, made read-only because all motions of a clip share them."""
     for array in (poses.root, poses.local, poses.skeleton.offsets, planted):
         array.setflags(write=False)
     return poses, planted
 
 
 def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A clip as bytes and its skeleton as float32; inverse of `unpacked` but for rounding."""
+    """A clip as bytes and its skeleton as float32, the inverse of `unpacked` but for rounding; raises a ValueError for leaps."""
     count = len(poses)
     rotations = np.round(quaternions.continuous(poses.local[:, KEPT]) * QUATERNION_STEPS).reshape(count, -1)
     flags = planted.reshape(count, 4) @ np.array([1, 2, 4, 8])
@@ -174,7 +174,7 @@ def packed(poses: Poses, planted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def unpacked(data: np.ndarray, skeleton: np.ndarray) -> tuple[Poses, np.ndarray]:
-    """Poses and contacts of bytes that `packed` made."""
+    """Poses and contacts from bytes that `packed` made; raises a ValueError for others."""
     columns = 4 * len(KEPT) + 4
     if data.dtype != np.uint8 or data.ndim != 3 or data.shape[:2] != (2, columns) or data.shape[2] < 2:
         raise ValueError(f"bytes of shape (2, {columns}, time) were expected, got {data.dtype} {data.shape}")
@@ -197,7 +197,7 @@ def unpacked(data: np.ndarray, skeleton: np.ndarray) -> tuple[Poses, np.ndarray]
 
 
 def _typed(kind: type, values: Any) -> dict[str, Any]:
-    """Fields of a segment or a source, each of its type."""
+    """Fields of a segment or a source, each checked to be of its type."""
     kinds = {"str": str, "int": int, "float": (int, float)}
     field_types = {field.name: kinds[str(field.type)] for field in fields(kind)}
     for name, value in values.items():

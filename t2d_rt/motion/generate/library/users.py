@@ -1,4 +1,4 @@
-"""A user's own clips in the library: an index of motion files by path, measured once, read when they are used."""
+"""Keep a user's own clips in the library: an index of motion files, measured once and read when they are used."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NEEDED = "file", "class", "action"
 OPTIONAL = "start_s", "stop_s", "direction", "speed", "text"
 """Columns of an index that a user writes."""
 MEASURED = "speed_mps", "turn_deg", "distance_m"
-"""Columns that are added."""
+"""Columns that are measured and added."""
 
 MOST_BYTES = 20_000_000
 MOST_ROWS = 50_000
@@ -45,7 +45,7 @@ def registry() -> Path:
 
 
 def with_users(store: Store, index: str | Path) -> Store:
-    """The store with the clips of an index of the user's."""
+    """The store with the clips of a user's index; raises an InputError if the index is wrong."""
     path = file_path("library", index)
     segments, sources, files = [], dict(store.sources), dict(store.own)
     for line, row in rows(path, measured=True):
@@ -80,9 +80,9 @@ def _kind(row: Mapping[str, str]) -> str:
 def add(
     folder: str | Path, index: str | Path, *, library: str | Path | None = None
 ) -> tuple[list[dict[str, str]], int]:
-    """The rows of an index of a folder's clips, measured and added to the library's own index; nothing is added if one is wrong.
+    """Measure the clips of an index and add its rows to the library's own index; if one is wrong, raise an InputError and add none.
 
-    They take the place of all rows that the library has of the same files, whose number is returned beside them.
+    The rows are returned, with the number of rows of the same files that they replace in the library.
 
     folder: where the files of the index are.
     index: CSV file with the columns file, class and action, and any of start_s, stop_s, direction, speed and text.
@@ -108,7 +108,7 @@ def add(
 
 
 def remove(what: str | Path, *, library: str | Path | None = None) -> int:
-    """Takes the clips of a file, or of a folder's files, out of the library's index, and returns how many; the files stay."""
+    """Removes the clips of a file, or of a folder's files, from the library's index, and returns their number; the files stay."""
     target = registry() if library is None else file_path("library", library)
     gone = file_path("what", what).resolve()
     listed = [row for _, row in rows(target, measured=True)]
@@ -120,7 +120,7 @@ def remove(what: str | Path, *, library: str | Path | None = None) -> int:
 
 
 def rows(path: Path, *, measured: bool = False) -> Iterable[tuple[int, dict[str, str]]]:
-    """Lines of an index with their number, checked; an InputError names the first that is wrong."""
+    """Lines of an index with their numbers, checked; raises an InputError that names the first that is wrong."""
     try:
         text = read_bytes(path, limit=MOST_BYTES, noun="clip index").decode("utf-8-sig")
         reader = csv.DictReader(io.StringIO(text), strict=True)
@@ -172,7 +172,7 @@ def _checked(row: Mapping[str | None, object], where: str, measured: bool) -> di
 
 
 def _measured(path: Path, row: dict[str, str], where: str) -> dict[str, str]:
-    """A row with its file's absolute path and what is measured of the clip."""
+    """A row with the absolute path of its file and the columns that are measured of the clip."""
     try:
         poses, _ = recorded(path)
     except InputError as error:
@@ -216,7 +216,7 @@ def write(path: Path, table: list[dict[str, str]]) -> None:
 
 
 def recorded(path: Path) -> tuple[Poses, np.ndarray]:
-    """A motion file as poses at the library's rate, the balls of the feet at 0 where they stand, and its contacts (T, 2, 2)."""
+    """A motion file as poses at the library's rate, with standing feet at height 0, and its contacts (T, 2, 2)."""
     try:
         stamp = path.stat().st_mtime_ns
     except OSError as error:

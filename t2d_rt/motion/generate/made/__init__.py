@@ -1,4 +1,4 @@
-"""Motions of which no recorded clip ships: sitting, standing up, lying down, bending, squatting, stretching, climbing stairs.
+"""Make motions of which no clip ships: sitting, standing up, lying down, bending, squatting, stretching, climbing stairs.
 
 They are made of key poses with contacts: what each part of the body is to do, and when, is written into an `Act`, and rendered
 on a skeleton with planted feet, balance and inverse kinematics. Every performance draws its own posture, pace, hands and noise.
