@@ -1,4 +1,4 @@
-"""What is drawn from the seed: how one fall differs from another of its type."""
+"""Draw from a seed how one fall differs from another of its type."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from t2d_rt.motion.generate.falls.simulation import (
 from t2d_rt.motion.interpolate import minimum_jerk
 
 LIMP = {"leg": 0.01, "trunk": 0.06, "arm": 0.01, "neck": 0.06}
-"""Tone of a body that lies."""
+"""Tone of a lying body, by part."""
 
 AHEAD_S = 0.2
-"""For how long a step that is interrupted goes on by itself."""
+"""Time for which an interrupted step goes on by itself."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,7 +39,7 @@ class Draw:
     tones: dict[str, Fading]
     disturbance: Disturbance
     limp: float
-    """Tone after the impact over the usual."""
+    """Tone after the impact, over the usual one."""
     brace_s: float
 
 
@@ -117,7 +117,7 @@ def _tones(plan: FallPlan, heading: Heading, strength: float, rng: np.random.Gen
             delay_s = {"leg": 0.0, "trunk": 0.15, "arm": 0.1, "neck": 0.2}[part] + late_s + float(rng.uniform(0, 0.15))
             within_s = float(rng.uniform(0.5, 0.9)) * (1.4 - 0.7 * strength)
         else:
-            # Of a slip, legs that are pulled up and brake the fall, so far as they reach the floor.
+            # In a slip, legs are pulled up and brake the fall as far as they reach the floor.
             braking = plan.type == "slip" and part == "leg"
             floor = {"leg": 1.2, "trunk": 0.9, "arm": 0.35, "neck": 1.0}[part] * (1.5 - strength)
             floor = 1.5 - 0.7 * strength if braking else floor
@@ -159,7 +159,7 @@ def _disturbance(
 
 
 def course(body: Humanoid, drawn: Draw, reference: np.ndarray, frames: int) -> Course:
-    """Targets and tones for so many frames, where the lead's coordinates from the event on are `reference` (T, nq)."""
+    """Targets and tones for a number of frames; `reference` (T, nq) are the lead's coordinates from the event on."""
     times = np.arange(frames) / RATE_HZ
     lead = reference[np.minimum(np.arange(frames), len(reference) - 1)]
     pose = on_grid(reaction_pose(body, drawn.reaction, lead))

@@ -33,12 +33,12 @@ STANDING_MPS = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Anatomy:
-    """How the segments of one motion lie."""
+    """Frames of the segments of one motion."""
 
     frames: np.ndarray
-    """Frames of the 22 canonical joints in their rotations' own axes, (22, 3, 3): segment = rotation @ frame."""
+    """Frames (22, 3, 3) of the canonical joints in their rotations' own axes: segment = rotation @ frame."""
     ankle_height_m: tuple[float, float]
-    """Height of the left and right ankle over the sole."""
+    """Heights of the left and of the right ankle over the sole."""
 
     def segments(self, rotations: np.ndarray) -> np.ndarray:
         """Orientations (T, 22, 3, 3) of the segments, from a motion's rotations (T, J, 4)."""
@@ -75,7 +75,7 @@ def mean_rotation(rotations: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def swing(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Smallest rotations (..., 3, 3) that turn one direction into another."""
+    """Smallest rotations (..., 3, 3) that turn one direction (..., 3) into another."""
     return matrices(quaternions.between(*np.broadcast_arrays(start, end)))
 
 
@@ -102,7 +102,7 @@ def _local(rotation: np.ndarray, vectors: np.ndarray, weights: np.ndarray | None
 def _trunk(at: dict[str, np.ndarray], axes: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     middle = {joint: (at[f"left_{joint}"] + at[f"right_{joint}"]) / 2 for joint in ("hip", "shoulder")}
     torso = unit(middle["shoulder"] - middle["hip"])
-    # Upright instants tell what an unbent back is.
+    # Upright instants show what an unbent back is.
     upright = np.clip(torso[:, 2], 0.02, 1) ** 4
     upright /= upright.sum()
     frames = {}
@@ -146,7 +146,7 @@ def _limbs(side: str, at: dict[str, np.ndarray], axes: dict[str, np.ndarray], fr
 
 
 def _hand(side: str, at: dict[str, np.ndarray], axes: np.ndarray, forearm: np.ndarray) -> np.ndarray:
-    """On average not twisted against the forearm; along its bone where the motion has it."""
+    """Frame (3, 3) of a hand, on average not twisted against the forearm, and along its bone if the motion has it."""
     straight = mean_rotation(np.swapaxes(axes, -1, -2) @ forearm, np.ones(len(forearm)))
     if f"{side}_hand" not in at:
         return straight
@@ -155,7 +155,7 @@ def _hand(side: str, at: dict[str, np.ndarray], axes: np.ndarray, forearm: np.nd
 
 
 def standing(motion: Motion, side: str) -> np.ndarray:
-    """Whether a foot stands (T,): its ankle is slow and about as low as it gets."""
+    """Whether a foot stands (T,): its ankle is slow, and ankle or ball is about as low as it gets."""
     ankle, foot = (motion.joints[:, motion.index(f"{side}_{joint}")] for joint in ("ankle", "foot"))
     speed = np.linalg.norm(np.gradient(ankle, 1 / motion.rate_hz, axis=0), axis=1)
     # The ankle of a foot that stands rises over its ball before the toes leave.
@@ -166,7 +166,7 @@ def standing(motion: Motion, side: str) -> np.ndarray:
 def _foot(
     side: str, motion: Motion, at: dict[str, np.ndarray], axes: dict[str, np.ndarray], frames: dict[str, np.ndarray]
 ) -> float:
-    """Level soles; returns the ankle's height over the sole."""
+    """Adds the frames of a foot, with a level sole, and returns the ankle's height over the sole [m]."""
     ankle, foot = f"{side}_ankle", f"{side}_foot"
     bone = at[foot] - at[ankle]
     stands = standing(motion, side) & (np.abs(unit(bone)[:, 2]) < 0.75)
@@ -191,10 +191,10 @@ PARENTS = dict(zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True))
 
 
 def coordinates(body: Humanoid, root_m: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """qpos (T, nq) of the poses with the pelvis at `root_m` (T, 3) whose segments (T, 22, 3, 3) come nearest to those given.
+    """Coordinates qpos (T, nq) of the poses with the pelvis at `root_m` (T, 3) whose segments come nearest to (T, 22, 3, 3).
 
-    Inverse kinematics in closed form: the relative rotation of each joint as Euler angles about its hinges, those that it lacks
-    left out.
+    Inverse kinematics in closed form: the relative rotation of each joint is written as Euler angles about its hinges, of which
+    those that it lacks are left out.
     """
     qpos = np.zeros((len(root_m), body.model.nq))
     qpos[:, :3] = root_m
@@ -244,7 +244,7 @@ def reached(body: Humanoid, qpos: np.ndarray) -> np.ndarray:
 
 
 def velocities(qpos: np.ndarray, rate_hz: float) -> np.ndarray:
-    """qvel (nv,) at the middle of five or more poses (2 n + 1, nq), by a parabola through them."""
+    """Velocities qvel (nv,) at the middle of five or more poses (2 n + 1, nq), by a parabola through them."""
     n = len(qpos) // 2
     times = np.arange(-n, n + 1) / rate_hz
     slope = np.polynomial.polynomial.polyfit(times, qpos, 2)[1]
@@ -267,7 +267,7 @@ def skeleton(root_m: np.ndarray, segments: np.ndarray, offsets: np.ndarray) -> n
 
 # --- the CMU humanoid of dm_control, fitted to one person: bones as long as the motion's, girth by stature, mass as given ---
 #
-# Its tree, joints, muscles, contacts and masses stand in humanoid.xml, whose head says what is changed from the original.
+# Its tree, joints, muscles, contacts and masses are in humanoid.xml, whose head says what differs from the original.
 
 
 FILE = Path(__file__).with_name("humanoid.xml")
@@ -279,7 +279,7 @@ BODIES: dict[str, str] = dict(pair.split() for pair in OF_TRUNK.split(", ")) | {
     for side in SIDES
     for joint, body in (pair.split() for pair in OF_LIMBS.split(", "))
 }
-"""Canonical joint -> body of the humanoid that turns about it."""
+"""For each canonical joint: the body of the humanoid that turns about it."""
 
 STEP_S = 1 / 720
 STEPS_PER_FRAME = 6
@@ -287,7 +287,7 @@ RATE_HZ = 1 / (STEP_S * STEPS_PER_FRAME)
 """Frame rate of simulated falls: 120 Hz."""
 
 STATURE_M = 1.72
-"""Stature of the humanoid as it comes."""
+"""Stature of the original humanoid."""
 
 FOOT_M = 0.022
 """Radius of the capsules and spheres of its feet: their lowest points lie in the plane of the sole."""
@@ -295,18 +295,18 @@ FOOT_M = 0.022
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Humanoid:
-    """A compiled model of MuJoCo and where its parts are."""
+    """A compiled model of MuJoCo, and the places of its parts."""
 
     model: Any
-    """`mujoco.MjModel`."""
+    """The model, a `mujoco.MjModel`."""
     hinges: dict[str, tuple[int, ...]]
     """Positions in qpos of each canonical joint's hinges, in the order z, y, x that the model applies them in."""
     rest: dict[str, np.ndarray]
-    """Rotation (3, 3) of each canonical joint's body in its parent's frame where its hinges stand at 0."""
+    """Rotation (3, 3) of each canonical joint's body in its parent's frame when its hinges are at 0."""
     axes: dict[str, str]
-    """Axes of the hinges: a substring of "ZYX"."""
+    """Axes of the hinges of each canonical joint, letters of "ZYX" in that order."""
     floor: int
-    """The floor's geom."""
+    """Number of the floor's geom."""
 
     @property
     def bodies(self) -> np.ndarray:
@@ -319,7 +319,7 @@ class Humanoid:
 
 
 def mujoco() -> Any:
-    """The module, or a sentence that says how to get it."""
+    """The module mujoco; raises an InputError that says how to install it."""
     try:
         import mujoco as module
     except ImportError:
@@ -333,7 +333,7 @@ which is another on the next machine, into millimetres and more."""
 
 
 def on_grid(values: Any) -> np.ndarray:
-    """Numbers to so many decimals that falls begin with the same bits on all machines, but at a rounding's very edge."""
+    """Numbers rounded to `ON_GRID` decimals, so that falls begin with the same bits on all machines, except at the very edges."""
     return np.round(np.asarray(values, dtype=float), ON_GRID)
 
 
@@ -366,7 +366,7 @@ def humanoid(
 
 
 def _stretch(spec: Any, at: dict[str, np.ndarray], ankle_height_m: np.ndarray, scale: float) -> None:
-    """Bodies where the motion's joints are; geoms as long as the bones, as thick as the stature asks for; soles on the floor."""
+    """Moves bodies to the motion's joints, makes geoms as long as the bones and as thick as the stature asks for, levels soles."""
     lengths = {}
     for name, parent in PARENTS.items():
         if parent >= 0:

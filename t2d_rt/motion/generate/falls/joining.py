@@ -1,4 +1,4 @@
-"""How a simulated fall joins the motion before it, and how the person gets up from it."""
+"""Join a simulated fall to the motion before it, and let the person get up from it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, CANONICAL_PARENTS, Motion, che
 
 
 JOIN_S = 0.25
-"""Time in which the difference of the lead and the humanoid fades away: a few degrees and millimetres."""
+"""Time in which the difference between the lead and the humanoid, a few degrees and millimetres, fades away."""
 
 BEFORE = 3
 """Frames before the event whose course tells the speeds there."""
@@ -36,15 +36,15 @@ TOES = tuple(tuple(CANONICAL_JOINTS.index(f"{side}_{joint}") for joint in ("ankl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Skeleton:
-    """A person's skeleton at the event: offsets in the parents' segments, and how fast they change in the lead's files."""
+    """A person's skeleton at the event: offsets in the parents' segments, and how fast they change in the lead."""
 
     anatomy: Anatomy
     names: tuple[str, ...]
     parents: tuple[int, ...]
     offsets: np.ndarray
-    """(J, 3) [m]."""
+    """Offsets (J, 3) [m] of the joints."""
     drift: np.ndarray
-    """Their rates (J, 3) [m/s]: files put some joints between others, and those are not quite fixed."""
+    """Their rates (J, 3) [m/s], because files put some joints between others, and those are not quite fixed."""
     ends: np.ndarray
     """Rotations (J - 22, 4) of the optional joints in the segments of their parents."""
 
@@ -78,7 +78,7 @@ def _slope(values: np.ndarray, frame: int, rate_hz: float) -> np.ndarray:
 def joined(
     skeleton: Skeleton, lead: Motion, segments: np.ndarray, frame: int, root_m: np.ndarray, reached: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Joints (K, J, 3) and segments (K, 22, 3, 3) from the event on.
+    """Joints (K, J, 3) [m] and segments (K, 22, 3, 3) from the event on.
 
     `root_m` (K, 3) and `reached` (K, 22, 3, 3) are the humanoid's, `segments` (T, 22, 3, 3) those of the lead.
     """
@@ -93,7 +93,7 @@ def joined(
     blended = reached @ matrices(_exponential(_fading(_vector(difference), spin, times_s)))
     remaining = 1.0 - minimum_jerk(times_s / JOIN_S)[:, None]
     for ankle, toes in TOES:
-        # Toes weigh next to nothing and jump as they touch the floor: they begin as the lead has them.
+        # Toes weigh next to nothing and jump as they touch the floor, so they begin as the lead has them.
         local = quaternions.from_matrix(np.swapaxes(blended[:, ankle], -1, -2) @ blended[:, toes])
         held = np.broadcast_to(local[0], local.shape)
         blended[:, toes] = blended[:, ankle] @ matrices(quaternions.blend(held, local, 1.0 - remaining))
@@ -121,7 +121,7 @@ def placed_joints(
 
 
 def rotations_of(skeleton: Skeleton, segments: np.ndarray) -> np.ndarray:
-    """The lead's kind of rotations (K, J, 4) of segments (K, 22, 3, 3)."""
+    """Rotations (K, J, 4) of segments (K, 22, 3, 3), counted from the same axes as the lead's."""
     count = len(CANONICAL_JOINTS)
     orientations = quaternions.from_matrix(segments)
     above = [skeleton.parents[joint] for joint in range(count, len(skeleton.names))]
@@ -130,7 +130,7 @@ def rotations_of(skeleton: Skeleton, segments: np.ndarray) -> np.ndarray:
 
 
 def _spin(segments: np.ndarray, frame: int, rate_hz: float) -> np.ndarray:
-    """Angular velocities (22, 3) in the segments' own axes."""
+    """Angular velocities (22, 3) [rad/s] in the segments' own axes."""
     first, last = max(frame - 1, 0), min(frame + 1, len(segments) - 1)
     return _vector(np.swapaxes(segments[first], -1, -2) @ segments[last]) * rate_hz / (last - first)
 
@@ -146,13 +146,13 @@ def _exponential(vector: np.ndarray) -> np.ndarray:
     return np.concatenate([0.5 * vector * np.sinc(half / np.pi), np.cos(half)], axis=-1)
 
 
-# --- getting up: the body that lies goes over into a recorded getup on its own skeleton, its lowest points on the floor ---
+# --- getting up: the lying body passes into a recorded getup on its own skeleton, with its lowest points on the floor ---
 
 
 BLEND_S, ROLL_S = 1.0, 1.8
 """Time from the pose at rest into the recording; longer where the body has to roll over."""
 TEMPO = 0.75
-"""Speed at which a recording is played: who has fallen gets up more slowly than who shows how to."""
+"""Relative speed at which a recording is played, because a fallen person gets up more slowly than one who demonstrates it."""
 ROLLING_RAD = np.pi / 3
 """Angle between the chests of the body and the recording from which the body has to roll over."""
 
@@ -168,7 +168,7 @@ def got_up(
     clips = [_turned(clip, bones, root_m, lying) for clip in getups]
     root, segments = min(clips, key=lambda clip: _angle(lying[CHEST], clip[1][0, CHEST]))
     blend_s = ROLL_S if _angle(lying[CHEST], segments[0, CHEST]) > ROLLING_RAD else BLEND_S
-    # The recording begins slowly: it waits in its first pose while the body goes over into it.
+    # The recording begins slowly: it waits in its first pose while the body passes into it.
     wait = round(0.6 * blend_s * RATE_HZ)
     root = np.concatenate([np.repeat(root[:1], wait, axis=0), root])
     segments = np.concatenate([np.repeat(segments[:1], wait, axis=0), segments])
@@ -179,7 +179,7 @@ def got_up(
 
 
 def _turned(clip: Motion, bones: Skeleton, root_m: np.ndarray, lying: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A getup on the person's scale, its first pose where the body lies and its trunk along the body's."""
+    """Root (K, 3) [m] and segments of a getup on the person's scale, which begins where the body lies, with its trunk along it."""
     clip = resample(checked_motion(clip), RATE_HZ / TEMPO)
     segments = anatomy(clip).segments(clip.rotations)
     leg_m = sum(float(np.linalg.norm(bones.offsets[joint])) for joint in LEG)
@@ -198,7 +198,7 @@ def _angle(first: np.ndarray, second: np.ndarray) -> float:
 
 
 def _blended(lying: np.ndarray, segments: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """From one pose (22, 3, 3) into a course (K, 22, 3, 3): the pelvis and each joint's rotation in its parent's frame."""
+    """Segments (K, 22, 3, 3) from one pose (22, 3, 3) into a course, blended in the pelvis and each joint's local rotation."""
     start, course = _local(lying), quaternions.continuous(_local(segments))
     mixed = matrices(_slerp(np.broadcast_to(start, course.shape), course, weight[:, None, None]))
     for joint, parent in enumerate(CANONICAL_PARENTS):
@@ -216,7 +216,7 @@ def _local(pose: np.ndarray) -> np.ndarray:
 
 
 def _slerp(first: np.ndarray, second: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Rotations at a constant rate along the arc that is the shorter one at the start, and stays the same one."""
+    """Rotations at a constant rate along the arc that is shorter at the start, which is kept throughout."""
     cosine = np.sum(first * second, axis=-1, keepdims=True)
     sign = np.where(cosine[:1] < 0, -1.0, 1.0)
     angle = np.arccos(np.clip(cosine * sign, -1.0, 1.0))
@@ -236,7 +236,7 @@ def _on_the_floor(body: Humanoid, root: np.ndarray, segments: np.ndarray) -> np.
 
 
 def lowest_points(body: Humanoid, qpos: np.ndarray) -> np.ndarray:
-    """Height (T,) of the lowest point of all capsules, spheres and ellipsoids in each pose."""
+    """Heights (T,) [m] of the lowest point of all capsules, spheres and ellipsoids in each pose (T, nq)."""
     model, data = body.model, mujoco().MjData(body.model)
     parts = np.flatnonzero(np.arange(model.ngeom) != body.floor)
     size, kind = model.geom_size[parts], model.geom_type[parts]

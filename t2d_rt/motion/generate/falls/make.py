@@ -1,4 +1,4 @@
-"""Falls: a motion, a plan and its simulation put together; lying at rest; the provider of falls."""
+"""Make falls: put a motion, a plan and its simulation together, let the body come to rest, and plan falls for descriptions."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from t2d_rt.types.motion import CANONICAL_JOINTS, Motion, checked_motion
 
 
 STEP_M = 0.15
-"""How far ahead of the pelvis an ankle is at the heel strike of a step, at least."""
+"""Least distance of an ankle ahead of the pelvis at the heel strike of a step."""
 
 LOADING_S = 0.08
 """Time from a heel strike until the foot slips: 0.05 to 0.1 s (Redfern et al. 2001, Ergonomics 44)."""
 
 EARLY_S = 0.05
-"""How long before it passes the other foot a swinging foot is caught: obstacles are met in the first half of the swing."""
+"""Time before a swinging foot passes the other one at which it is caught: obstacles are met in the first half of the swing."""
 
 
 def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
@@ -74,7 +74,7 @@ def instants(motion: Motion, kind: str) -> list[tuple[int, str]]:
 
 
 EASING_S = 0.4
-"""Simulated time at the end that is stretched to twice its length, so that all speeds fall to nothing."""
+"""Simulated time at the end that is stretched to twice its length, so that all speeds fall to 0."""
 
 
 def eased_out(qpos: np.ndarray) -> np.ndarray:
@@ -100,7 +100,7 @@ CHOICES, ATTEMPTS = 3, 3
 """Events that are tried in one lead, and candidates that are drawn at each event."""
 
 TOLERATED = 0.35
-"""What may be amiss after the second choice: 0.35 m/s beyond a range, say."""
+"""Greatest excess (`missing`) with which no third event is tried, such as 0.35 m/s beyond a range."""
 
 NEIGHBOURS = 5
 """Frames on either side of the event that give the speeds there."""
@@ -108,7 +108,7 @@ NEIGHBOURS = 5
 RANGE_MARGIN_RAD = 0.03
 
 STEP_ON_S = 0.15
-"""For how long the interrupted step goes on much as it was: legs that pass each other closely must not collide in it."""
+"""Time for which the interrupted step goes on much as it was: legs that pass each other closely must not collide in it."""
 
 SETTLING_S = 0.3
 """Least duration of the lead before the event."""
@@ -116,7 +116,7 @@ SETTLING_S = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fall:
-    """A fall and what is known about it."""
+    """A fall with its events and figures."""
 
     motion: Motion
     events: FallEvents
@@ -133,27 +133,27 @@ class Scenario:
     lead: Motion
     """The whole lead, at 120 Hz."""
     segments: np.ndarray
-    """Orientations of the segments in the lead, (T, 22, 3, 3)."""
+    """Orientations (T, 22, 3, 3) of the segments in the lead."""
     frame: int
     foot: str
     """Side that slips or is caught."""
     facing: np.ndarray
-    """Level direction in which the person faces, (2,)."""
+    """Level direction (2,) in which the person faces."""
     skeleton: Skeleton
     body: Humanoid
     start: tuple[np.ndarray, np.ndarray]
-    """qpos and qvel."""
+    """Coordinates qpos (nq,) and velocities qvel (nv,) at the event."""
     reference: np.ndarray
-    """Coordinates of the lead from the event on (T, nq)."""
+    """Coordinates (T, nq) of the lead from the event on."""
 
     def figures(self, run: Run, until_s: float) -> Figures:
-        """Figures of a run from here, forces from outside ending at `until_s`."""
+        """Figures of a run from here, in which forces from outside end at `until_s`."""
         segments = reached(self.body, run.qpos)
         joints = skeleton(run.qpos[:, :3], segments, self.skeleton.offsets[: len(CANONICAL_JOINTS)])
         return figures(run, joints, segments[:, CANONICAL_JOINTS.index("spine3")], self.facing, until_s)
 
     def hopeful(self, run: Run, plan: FallPlan, until_s: float, below: float) -> bool:
-        """Whether less than `below` may be amiss with a run as far as it has gone."""
+        """Whether a run, as far as it has gone, may still end with less than `below` amiss."""
         return least_missing(self.figures(run, until_s), run, plan) < below
 
 
@@ -166,23 +166,23 @@ class Candidate:
     drawn: Draw
     figures: Figures
     amiss: float
-    """See `missing`."""
+    """How far it is from real falls, as `missing` gives it."""
 
 
 def fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Motion:
-    """The lead up to the event, then a fall as planned, a rest and, where the plan asks for it, one of the recorded `getups`.
+    """The lead up to the event, then a fall as planned, a rest and, if the plan asks for it, one of the recorded `getups`.
 
-    120 frames a second; the same lead, plan and version of MuJoCo give the same bits.
+    It has 120 frames a second; the same lead, plan and version of MuJoCo give the same bits. Raises as `simulate_fall` does.
     """
     return simulate_fall(lead, plan, getups).motion
 
 
 class NoFall(InputError):
-    """Another lead or plan may come to a fall where these do not."""
+    """Raised if a lead and a plan come to no fall; others may."""
 
 
 def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -> Fall:
-    """`fall`, with its events and figures."""
+    """The motion of `fall`, with its events and figures; raises `NoFall` if no attempt succeeds, an InputError for wrong input."""
     checked_motion(lead)
     instance("plan", plan, FallPlan, "a FallPlan")
     if plan.get_up and not getups:
@@ -205,7 +205,7 @@ def simulate_fall(lead: Motion, plan: FallPlan, getups: Sequence[Motion] = ()) -
 
 
 def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
-    """The person at the event that the plan chooses; `choice` tells draws of the event apart."""
+    """The person at the event that the plan chooses; each `choice` is another draw of the event."""
     rng = np.random.default_rng([plan.seed, 0, choice])
     if abs(lead.rate_hz - RATE_HZ) > 1e-9:
         lead = resample(lead, RATE_HZ)
@@ -236,7 +236,7 @@ def prepared(lead: Motion, plan: FallPlan, choice: int = 0) -> Scenario:
 
 
 def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int, str]:
-    """Frame and foot of the event."""
+    """Frame and foot of the event; raises `NoFall` if the lead has no suitable step, an InputError if it is too short."""
     first, last = max(NEIGHBOURS, round(SETTLING_S * RATE_HZ)), len(lead.joints) - 1 - NEIGHBOURS
     if last <= first:
         raise InputError(
@@ -263,7 +263,7 @@ def _event(lead: Motion, plan: FallPlan, rng: np.random.Generator) -> tuple[int,
 def _fitted(
     bones: Skeleton, lead_anatomy: Anatomy, stature: float, mass: float, lead: Motion, segments: np.ndarray, frame: int
 ) -> Humanoid:
-    """The humanoid; its parts do not collide that are within each other in the lead's own poses, at the event and just after."""
+    """The humanoid, in which parts that intersect in the lead's own poses, at the event and just after, do not collide."""
     offsets = bones.offsets[: len(CANONICAL_JOINTS)]
     fitted = partial(humanoid, offsets, lead_anatomy.ankle_height_m, stature_m=stature, mass_kg=mass)
     body = fitted()
@@ -286,7 +286,7 @@ def _contacts_at(body: Humanoid, qpos: np.ndarray) -> list[tuple[int, int, float
 
 
 def _penetration(body: Humanoid, qpos: np.ndarray) -> float:
-    """How deep the feet stand in the floor [m]: the lead's soles are not quite where the humanoid's are."""
+    """Depth to which the feet stand in the floor [m], because the lead's soles are not quite where the humanoid's are."""
     return max([0.0, *(-gap for a, b, gap in _contacts_at(body, qpos) if body.floor in (a, b))])
 
 
@@ -299,8 +299,8 @@ def _allow(body: Humanoid, qpos: np.ndarray) -> None:
 
 
 def _candidate(scenario: Scenario, plan: FallPlan, choice: int, least: float) -> Candidate:
-    """The first candidate in which nothing is amiss, or the one with the least amiss; runs are given up once they cannot come below
-    `least`, and below the best one so far."""
+    """The first candidate in which nothing is amiss, or the one with the least amiss; a run is given up once it cannot come below
+    `least` and below the best one so far."""
     best: Candidate | None = None
     heading = heading_of(plan, np.random.default_rng([plan.seed, 1]))
     for attempt in range(ATTEMPTS):
@@ -360,8 +360,8 @@ def _assembled(candidate: Candidate, plan: FallPlan, getups: Sequence[Motion]) -
 
 
 def _activities(lead: Motion, events: FallEvents, joints: np.ndarray) -> tuple[tuple[str, float], ...]:
-    """What the person does: what the lead tells until the fall, the fall, getting up as long as the joints move, and standing; ()
-    where the lead tells nothing."""
+    """Activities of the person: those of the lead until the fall, the fall, getting up as long as the joints move, and standing;
+    empty if the lead has none."""
     if not lead.activities:
         return ()
     before = [activity for activity in lead.activities if activity[1] < events.event_s]
@@ -373,18 +373,18 @@ def _activities(lead: Motion, events: FallEvents, joints: np.ndarray) -> tuple[t
     return (*fall, *later)
 
 
-# --- the `physics` provider: a description of a fall, and a lead that fits what comes before it, become a motion ---
+# --- the `physics` provider: falls that descriptions ask for ---
 
 
 STRENGTHS = {"slow": (0.2, 0.45), "normal": (0.3, 0.8), "fast": (0.65, 0.95)}
 """Ranges of strength by the speed that a description asks for."""
 
 RESTS_S = (1.0, 2.5)
-"""How long the body lies."""
+"""Range of the time for which the body lies."""
 
 
 def plan_of(description: Description, seed: int = 0) -> FallPlan:
-    """The fall that a description asks for; what it leaves open is drawn from the seed."""
+    """The fall that a description asks for; what it leaves open is drawn from the seed. Raises an InputError without a fall."""
     steps = [step for step in description.steps if step.action == "fall"]
     if not steps:
         raise InputError(

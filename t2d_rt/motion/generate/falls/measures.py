@@ -1,4 +1,4 @@
-"""Figures of a simulated fall, and which of them a real fall would not have."""
+"""Measure a simulated fall, and tell how far its figures are from those of real falls."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ IMPACT_S = 0.1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """What is measured of one run; times count from the event."""
+    """Figures of one run; times count from the event."""
 
     lies_on: tuple[float, ...]
     """Direction of gravity in the chest's axes (left, up, forward) as the chest strikes the floor; (0, 0, -1) is on the back."""
     gain_j: float
-    """Greatest rise of mechanical energy less the work of muscles over any earlier value."""
+    """Greatest rise, over any earlier value, of the mechanical energy less the work of muscles."""
     deepest_m: tuple[float, float]
     """Deepest interpenetration with the floor and within the body."""
     impact_s: float = math.inf
-    """First contact of the pelvis or a hip with the floor; infinite if there is none."""
+    """Time of the first contact of the pelvis or a hip with the floor; infinite if there is none."""
     descent_s: float = math.inf
     """Time from when the pelvis leaves its height at the event to the impact."""
     pelvis_mps: float = 0.0
-    """Its downward speed at the impact."""
+    """Downward speed of the pelvis at the impact."""
     head_mps: float = 0.0
-    """Downward speed of the head at its impact, or its greatest where it does not strike."""
+    """Downward speed of the head at its impact, or its greatest if it does not strike the floor."""
     travel: tuple[float, float] = (0.0, 0.0)
     """Travel of the pelvis (left, forward) from the event to the impact [m]."""
     slide_m: float = 0.0
     """Travel of the pelvis after the impact."""
     rest_s: float = math.inf
-    """When the body comes to rest; infinite if it does not."""
+    """Time at which the body comes to rest; infinite if it does not."""
 
     @property
     def heading(self) -> Heading:
-        """Where the person fell: by the side of the trunk that is undermost."""
+        """Direction in which the person fell, by the side of the trunk that is undermost."""
         return undermost(self.lies_on)
 
 
@@ -67,7 +67,7 @@ def _headings(plan: FallPlan) -> tuple[Heading, ...]:
 
 
 def figures(run: Run, joints: np.ndarray, chest: np.ndarray, facing: np.ndarray, external_s: float) -> Figures:
-    """Of a run with its joints (T, 22, 3) and the chest's orientations (T, 3, 3).
+    """Figures of a run, from its joints (T, 22, 3) [m] and the chest's orientations (T, 3, 3).
 
     `facing` (2,) is that at the event; forces from outside end at `external_s`.
     """
@@ -109,13 +109,13 @@ IMPACT_RANGE_S, DESCENT_RANGE_S = (0.4, 2.5), (0.3, 1.2)
 PELVIS_RANGE_MPS, HEAD_RANGE_MPS = (1.2, 3.0), (1.5, 4.5)
 """Speeds at the impact, from falls of persons on video: 2.14 +- 0.63 and 2.91 +- 0.86 m/s (Choi, Wakeling, Robinovitch 2015)."""
 ASIDE = 0.3
-"""What a slip to the side counts beside excesses in m/s or s."""
+"""Penalty of a slip to the side, beside excesses in m/s or s."""
 SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
 """8 J are about 1 % of the energy of a walking person."""
 
 
 def missing(measured: Figures, plan: FallPlan) -> float:
-    """How far a fall is from real ones: 0 in all ranges, else a sum of excesses; infinite if it is none, or not the one planned."""
+    """How far a fall is from real ones: 0 within all ranges, else a sum of excesses; infinite if it is no fall or another one."""
     fatal = (
         not IMPACT_RANGE_S[0] <= measured.impact_s <= IMPACT_RANGE_S[1]
         or measured.heading not in _headings(plan)
@@ -127,7 +127,7 @@ def missing(measured: Figures, plan: FallPlan) -> float:
         return math.inf
     values = measured.descent_s, measured.pelvis_mps, measured.head_mps
     ranges = DESCENT_RANGE_S, PELVIS_RANGE_MPS, HEAD_RANGE_MPS
-    # Who slips falls on the back or the side, mostly on the back.
+    # A slip ends on the back or the side, mostly on the back.
     aside = ASIDE if plan.type == "slip" and plan.direction is None and measured.heading != "back" else 0.0
     return aside + sum(
         max(low - value, 0.0) + max(value - high, 0.0) for value, (low, high) in zip(values, ranges, strict=True)
@@ -136,6 +136,6 @@ def missing(measured: Figures, plan: FallPlan) -> float:
 
 def least_missing(measured: Figures, run: Run, plan: FallPlan) -> float:
     """A lower bound of what is `missing` if the run goes on, from its figures once pelvis and chest are down: a body may still
-    slide back, and what the head does is known `SEEN` frames after it has struck."""
+    slide back, and the head's speed is known `SEEN` frames after it has struck."""
     struck = any("head" in touching for touching in run.touches[:-SEEN])
     return missing(replace(measured, slide_m=0.0, head_mps=measured.head_mps if struck else HEAD_RANGE_MPS[0]), plan)

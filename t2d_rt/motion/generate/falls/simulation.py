@@ -1,4 +1,4 @@
-"""A fall in the physics engine: muscles that give way or brace, and the steps of the simulation."""
+"""Simulate a fall in the physics engine, with muscles that give way or brace."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ LONGEST_REST_S = 60.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FallPlan:
-    """A fall; what is None is drawn from the seed, as are all of a person's small differences."""
+    """A planned fall; what is None is drawn from the seed, as are all small differences. Raises an InputError for wrong values."""
 
     type: FallType
     direction: Heading | None = None
-    """Where the body falls; None: back or aside for a slip, forward for a trip, any for a collapse."""
+    """Direction in which the body falls; None: back or aside for a slip, not back for a trip, any for a collapse."""
     strength: float | None = None
     """0 (slow, half caught) to 1 (sudden, limp)."""
     time_s: float | None = None
-    """When it begins in the lead; the nearest heel strike (slip), mid-swing (trip) or frame (collapse) is taken."""
+    """Time at which it begins in the lead; the nearest heel strike (slip), mid-swing (trip) or frame (collapse) is taken."""
     protective_arms: bool = True
     """Whether the arms reach for the floor."""
     rest_s: float = 1.5
-    """How long the body lies at rest before the motion ends or it gets up."""
+    """Time for which the body lies at rest before the motion ends or it gets up."""
     get_up: bool = False
     mass_kg: float | None = None
     """Mass of the body; None: that of a body mass index of 20 to 27."""
@@ -130,18 +130,18 @@ class Reaction:
 
     heading: Heading
     delay_s: float
-    """From the event; 0.1 to 0.25 s for balance reactions (Maki and McIlroy 1997)."""
+    """Time from the event; 0.1 to 0.25 s for balance reactions (Maki and McIlroy 1997)."""
     within_s: float
     arms: bool
     pose: dict[str, float] = field(default_factory=dict)
     """Angle [rad] by canonical joint and axis, as "spine1 x"."""
     reach: tuple[float, float] = (0.0, 0.0)
-    """How far (side, up) the arms' directions differ from the usual."""
+    """Differences (side, up) of the arms' directions from the usual ones."""
     elbow_rad: float = 0.6
 
 
 def arm_directions(heading: Heading, side: str) -> tuple[np.ndarray, np.ndarray]:
-    """Where an arm reaches and where its elbow flexes to, in the chest's axes (left, up, forward).
+    """Directions in which an arm reaches and in which its elbow flexes, in the chest's axes (left, up, forward).
 
     Forward falls are met with both hands, backward falls with hands behind the hips, sideways falls with the arm of that side while
     the other one comes across (Hsiao and Robinovitch 1998, J. Biomech. 31).
@@ -157,7 +157,7 @@ def arm_directions(heading: Heading, side: str) -> tuple[np.ndarray, np.ndarray]
 
 
 def reaction_pose(body: Humanoid, reaction: Reaction, reference: np.ndarray) -> np.ndarray:
-    """Target coordinates (T, nq) of the reaction, where the lead's are `reference` (T, nq)."""
+    """Target coordinates (T, nq) of the reaction, while the lead's are `reference` (T, nq)."""
     target = reference.copy()
     for key, angle in reaction.pose.items():
         name, axis = key.split()
@@ -182,7 +182,7 @@ def reaction_pose(body: Humanoid, reaction: Reaction, reference: np.ndarray) -> 
 
 
 def within_range(body: Humanoid, name: str, angles: np.ndarray) -> np.ndarray:
-    """Angles of a joint's hinges within their ranges."""
+    """Angles of a joint's hinges, clipped to their ranges."""
     model = body.model
     numbers = [int(np.flatnonzero(model.jnt_qposadr == hinge)[0]) for hinge in body.hinges[name]]
     ranges = model.jnt_range[numbers]
@@ -207,7 +207,7 @@ SEEN = 2
 """Frames after a contact until the speeds at it, which are central differences, no longer change."""
 
 BRACED_S = 0.35
-"""How long after the pelvis's impact muscles stay tense, if the chest is not down before."""
+"""Time for which muscles stay tense after the pelvis's impact, if the chest is not down before."""
 
 RESTING = 0.15
 """Speed of every hinge [rad/s] and of the root [m/s] below which the body is at rest."""
@@ -224,7 +224,7 @@ GRIPPED_S = 0.08
 """Time within which the grip on a caught foot builds up: shoes and obstacles give."""
 
 SETTLING_S, SETTLED_S = 0.8, 0.8
-"""Time that the body lies until `STILL_DAMPING_S` builds up, and the time that this takes: limbs drop to the floor first."""
+"""Time for which the body lies before `STILL_DAMPING_S` builds up, and the time that this takes: limbs drop to the floor first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -232,13 +232,13 @@ class Course:
     """What muscles do, frame by frame; the last frame goes on for ever."""
 
     targets: np.ndarray
-    """Target angles by actuator (T, nu)."""
+    """Target angles (T, nu) [rad] of the actuators."""
     tones: np.ndarray
-    """Tone by actuator (T, nu)."""
+    """Tones (T, nu) of the actuators."""
     lying: np.ndarray
-    """Target angles by actuator (nu,) of a body that lies."""
+    """Target angles (nu,) [rad] of the actuators of a lying body."""
     limp: np.ndarray
-    """Tone by actuator (nu,) after the impact."""
+    """Tones (nu,) of the actuators after the impact."""
     brace_s: float
     """Time within which that tone is reached."""
 
@@ -265,7 +265,7 @@ class Disturbance:
 
     @property
     def until_s(self) -> float:
-        """Time at which the last force from outside ends, but for the floor's."""
+        """Time at which the last force from outside, except the floor's, ends."""
         return max(self.push_s if any(self.push_n) else 0.0, self.caught_s)
 
 
@@ -275,15 +275,15 @@ class Run:
 
     qpos: np.ndarray
     speeds: np.ndarray
-    """Greatest speed of any joint's hinge or of the root (T,) [rad/s or m/s]."""
+    """Greatest speed (T,) of any joint's hinge or of the root [rad/s or m/s]."""
     energy_j: np.ndarray
     """Kinetic and potential energy (T,)."""
     work_j: np.ndarray
-    """Work that muscles have done since the event (T,)."""
+    """Work (T,) that muscles have done since the event."""
     touches: list[frozenset[str]]
     """Bodies that touch the floor in each frame."""
     deepest_m: np.ndarray
-    """Deepest interpenetration with the floor and within the body (T, 2)."""
+    """Deepest interpenetration (T, 2) with the floor and within the body."""
 
 
 def simulate(
@@ -296,12 +296,12 @@ def simulate(
     wanted: Callable[[np.ndarray], bool] = lambda chest: True,
     hopeful: Callable[[Run], bool] = lambda run: True,
 ) -> Run:
-    """Run for so many frames from (qpos, qvel), or until the body is at rest.
+    """Run a number of frames from (qpos, qvel), or until the body is at rest.
 
-    It ends early where the chest strikes the floor in an orientation (3, 3) that is not `wanted`, or where the run so far is not
-    `hopeful`: asked `SEEN` frames after pelvis and chest are down, and after the head is as well.
+    It ends early if the chest strikes the floor in an orientation (3, 3) that is not `wanted`, or if the run so far is not
+    `hopeful`, which is asked `SEEN` frames after pelvis and chest are down, and again after the head is down as well.
     """
-    # Muscles and friction change it, and no run may begin with those of another.
+    # Muscles and friction change the model, and no run may begin with those of another.
     body = replace(body, model=copy(body.model))
     module, model = mujoco(), body.model
     data = module.MjData(model)
@@ -351,7 +351,7 @@ def simulate(
 
 
 def is_down(touching: frozenset[str], pelvis_m: float) -> bool:
-    """Whether the person has come down, on the pelvis or low on a thigh, from what touches the floor and the pelvis's height."""
+    """Whether the person has come down on the pelvis or low on a thigh, by what touches the floor and the pelvis's height."""
     return bool(touching & PELVIS) or (bool(touching & {"lfemur", "rfemur"}) and pelvis_m < 0.25)
 
 
@@ -361,7 +361,7 @@ def _run(records: list[Any]) -> Run:
 
 
 def _act(model: Any, data: Any, course: Course, frame: int, lying: int) -> None:
-    """Targets, stiffness and damping of the muscles in a frame; `lying` is the one from which the body lies, -1 before."""
+    """Sets targets, stiffness and damping of the muscles in a frame; `lying` is the one from which the body lies, -1 before."""
     torque = model.actuator_forcerange[:, 1]
     index = min(frame, len(course.targets) - 1)
     tone, target, braced = course.tones[index], course.targets[index], 0.0
@@ -379,7 +379,7 @@ def _act(model: Any, data: Any, course: Course, frame: int, lying: int) -> None:
 
 
 def _hold(model: Any, data: Any, disturbance: Disturbance, time_s: float) -> None:
-    """The force on a caught foot: against its velocity, so that it takes energy only."""
+    """Sets the force on a caught foot, which is against its velocity, so that it only takes energy."""
     foot = model.body(disturbance.caught).id
     data.xfrc_applied[foot, :3] = 0.0
     if time_s < disturbance.caught_s:
@@ -397,7 +397,7 @@ def _rub(body: Humanoid, feet: tuple[str, ...], friction: float) -> None:
 
 
 def _contacts(body: Humanoid, data: Any) -> tuple[frozenset[str], tuple[float, float]]:
-    """Bodies on the floor; deepest interpenetration with the floor, and of the body with itself [m]."""
+    """Bodies that touch the floor, and the deepest interpenetration with the floor and of the body with itself [m]."""
     geoms, depths = data.contact.geom, -data.contact.dist
     if len(depths) == 0:
         return frozenset(), (0.0, 0.0)

@@ -29,11 +29,11 @@ CHANNELS: tuple[str, ...] = (
     *(f"{side}_{part}" for side in SIDES for part in OF_A_SIDE),
     "ground",
 )
-"""What an act moves.
+"""The channels that an act moves.
 
-Hips, their middle: x, y, z [m], level ones used as far as `balanced` is below 1; centre of mass com_x, com_y [m], used as far as it
-is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the pelvis:
-flex (forward), side (to the left), twist (to the left). Head: gaze (down, in space), look (to the left, against the chest), tilt.
+Middle of the hips: x, y, z [m], of which x and y count as far as `balanced` is below 1; centre of mass: com_x, com_y [m], as far
+as it is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the
+pelvis: flex (forward), side and twist (to the left). Head: gaze (down, in space), look (to the left, against the chest), tilt.
 Each foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its
 knee, and loose: 1 where it lies about, so that it goes with the shank, and x, y, z are the ankle's. Each shoulder's shrug. Ground:
 height [m] of what arms may not sink into.
@@ -49,18 +49,18 @@ MANNER = {None: 1.0, "careful": 0.78, "happy": 1.10, "angry": 1.28, "sad": 0.82}
 """Factors on the pace: slow ones take 1.5 times as long as at ease, fast ones 0.7 times."""
 
 SLUMP = {None: 0.0, "careful": 2.0, "happy": -3.0, "angry": 3.0, "sad": 13.0}
-"""Flexion [degrees] that a manner adds to the spine, and half of it to the gaze; sad people hold the thorax flexed and the
+"""Flexion [degrees] that a manner adds to the spine, and 0.6 of it to the gaze; sad people hold the thorax flexed and the
 head down (Michalak 2009)."""
 
 BEFORE_S, AFTER_S = (0.1, 2.4), (0.0, 2.2)
-"""Time at rest before a motion and after it: recordings begin and end at no fixed instant, and motions differ by it."""
+"""Ranges of the time at rest before and after a motion, because recordings begin and end at no fixed instant."""
 
 PROMPT = 0.2
-"""Factor on the time at rest before a step that is to last for a given time."""
+"""Factor on the time at rest before a step that has a given duration."""
 
 SHIFT, SHIFT_ASIDE, SHIFT_BACK = (0.12, 0.34), 0.12, 0.3
-"""How far one steps ahead or back, and at most aside, before and after what is done on the spot, over stature: half a step to a
-step; and the chance that it is back."""
+"""Range of steps ahead or back, and greatest step aside, before and after an action on the spot, over stature (half a step to a
+step); and the chance that they go back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,13 +77,13 @@ class Move:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Grasp:
-    """A hand's way from its last goal to the next."""
+    """A hand's movement from its last goal to the next."""
 
     goal: Goal
     start_s: float
     duration_s: float
     aside_m: float
-    """Greatest distance [m] by which the way bends outward, so that the hand goes round the body."""
+    """Greatest distance [m] by which its path bends outward, so that the hand goes round the body."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,12 +96,12 @@ class Place:
     yaw_rad: float = 0.0
 
     def world(self, x: float, y: float, z: float = 0.0) -> tuple[float, float, float]:
-        """A point of the room [m]."""
+        """A point of this place in the room's coordinates [m]."""
         c, s = float(np.cos(self.yaw_rad)), float(np.sin(self.yaw_rad))
         return self.x_m + c * x - s * y, self.y_m + s * x + c * y, self.floor_m + z
 
     def local(self, x: float, y: float) -> tuple[float, float]:
-        """A point of the room as the person sees it [m]."""
+        """A point of the room, x and y, in the coordinates of this place [m]."""
         c, s = float(np.cos(self.yaw_rad)), float(np.sin(self.yaw_rad))
         return c * (x - self.x_m) + s * (y - self.y_m), -s * (x - self.x_m) + c * (y - self.y_m)
 
@@ -128,19 +128,19 @@ class Habits:
     """Flexion of the spine in quiet standing [rad]."""
     gaze: float
     out: float
-    """How far the arms hang out [rad]."""
+    """Angle by which the arms hang outward [rad]."""
     half_width: float
     """Half the distance of the feet [m]."""
     toe_out: float
     ahead: float
     """How far the left foot stands ahead, over stature."""
     lean: float
-    """Where over the foot the centre of mass is: 0 at the ankle, 1 at the ball."""
+    """Place of the centre of mass over the foot: 0 at the ankle, 1 at the ball."""
 
 
 @dataclass(slots=True, kw_only=True)
 class Act:
-    """What a person does, being written down; times in seconds."""
+    """What a person does, as it is written down; times are in seconds."""
 
     anatomy: Anatomy
     rng: np.random.Generator
@@ -154,12 +154,12 @@ class Act:
     moves: list[Move] = field(default_factory=list)
     grasps: dict[str, list[Grasp]] = field(default_factory=lambda: {"left": [], "right": []})
     starts: dict[str, Goal] = field(default_factory=dict)
-    """Where each hand is at the begin."""
+    """Goal at which each hand begins."""
     now_s: float = 0.0
     tempo: float = 1.0
     place: Place = field(default_factory=Place)
     home: Place | None = None
-    """The place before the bed, of one who lies in it."""
+    """The place before the bed in which the person lies."""
     posture: Posture = "standing"
     notes: list[str] = field(default_factory=list)
 
@@ -167,7 +167,7 @@ class Act:
         self.values = {name: float(self.values.get(name, 0.0)) for name in CHANNELS}
         self.first = dict(self.values)
 
-    # --- what the person draws ---
+    # --- random draws ---
 
     def u(self, low: float, high: float) -> float:
         """A draw between two values."""
@@ -178,15 +178,15 @@ class Act:
         return mean + deviation * float(np.clip(self.rng.standard_normal(), -2.0, 2.0))
 
     def chance(self, probability: float) -> bool:
-        """Whether something is so."""
+        """Whether something of this probability happens."""
         return bool(self.rng.random() < probability)
 
     def side(self, probability: float = 0.8) -> str:
-        """The side of the hand that does it: the better one, mostly."""
+        """The side of the hand that acts: that of the better one with this probability."""
         return self.handed if self.chance(probability) else OTHER[self.handed]
 
     def wobble(self, mean: float) -> tuple[float, float]:
-        """The same thing for both sides, not quite alike."""
+        """A value for each side about the same mean, not quite alike."""
         common = self.about(0, 0.10)
         return mean * (1 + common + self.about(0, 0.05)), mean * (1 + common + self.about(0, 0.05))
 
@@ -243,7 +243,7 @@ class Act:
         self.now_s += duration_s / self.tempo
 
     def lift(self, height_m: float) -> None:
-        """Begin on a floor that is higher."""
+        """Begin the act on a floor that is higher by this."""
         for channel in ("z", "left_z", "right_z", "ground"):
             self.values[channel] += height_m
             self.first[channel] += height_m
@@ -252,16 +252,16 @@ class Act:
     # --- what has been written ---
 
     def at(self, part: str) -> tuple[float, float]:
-        """Where hips, com or a foot are in the end, x and y in the action's place [m]."""
+        """Place of hips, com or a foot after all moves, x and y in the action's place [m]."""
         return self.place.local(self.values[f"{POINTS[part]}x"], self.values[f"{POINTS[part]}y"])
 
     def goal(self, side: str) -> Goal:
-        """Where a hand is when all is over."""
+        """The last goal of a hand."""
         return self.grasps[side][-1].goal if self.grasps[side] else self.starts[side]
 
     @property
     def end_s(self) -> float:
-        """When the last move ends."""
+        """Time at which the last move ends."""
         actions: list[Move | Grasp] = [*self.moves, *self.grasps["left"], *self.grasps["right"]]
         return max([self.now_s, *(action.start_s + action.duration_s for action in actions)])
 
@@ -274,7 +274,7 @@ class Act:
 
 
 def progress(times_s: np.ndarray, start_s: float, duration_s: float, skew: float = 1.0) -> np.ndarray:
-    """Part (T,) of a move that is done."""
+    """Part (T,) of a move that is done at times (T,)."""
     return minimum_jerk(np.clip((times_s - start_s) / duration_s, 0.0, 1.0) ** skew)
 
 
@@ -321,7 +321,7 @@ def resumed(act: Act, step: Step) -> Act:
 
 
 def tempo_of(step: Step, rng: np.random.Generator, individual: float) -> float:
-    """Factor on the speed of everything."""
+    """Factor on the pace of a step: that of the person, of its speed and manner, and of a random variation."""
     variation = float(np.exp(0.08 * np.clip(rng.standard_normal(), -2.0, 2.0)))
     return individual * SPEED[step.speed] * MANNER[step.manner] * variation
 
@@ -335,14 +335,14 @@ def upright(habits: Habits) -> dict[str, float]:
 
 
 def stance_foot(act: Act, side: str) -> tuple[float, float]:
-    """Ball of a foot in quiet standing, x and y [m] where the person is."""
+    """Ball of a foot in quiet standing, x and y in the action's place [m]."""
     reach, turn = act.anatomy.foot_m, act.habits.toe_out
     ahead = SIGN[side] * act.habits.ahead * act.tall
     return ahead + reach * np.cos(turn), SIGN[side] * (act.habits.half_width + reach * np.sin(turn))
 
 
 def middle(act: Act, side: str | None = None) -> tuple[float, float]:
-    """Where the centre of mass belongs over both feet, or over one of them, x and y in the action's place [m]."""
+    """Place where the centre of mass belongs over both feet, or over one of them, x and y in the action's place [m]."""
     x, y = 0.0, 0.0
     sides = SIDES if side is None else (side,)
     back = (1 - act.habits.lean) * act.anatomy.foot_m
@@ -366,7 +366,7 @@ def stand_tall(act: Act, after_s: float, duration_s: float, *, arms: bool = True
 
 
 def at_ease(act: Act) -> dict[str, Goal]:
-    """Hands of one who stands: hanging, clasped before the belly, or one or both of them on the hips."""
+    """Goals of the hands in standing: hanging, clasped before the belly, or one or both of them on the hips."""
     how = act.rng.choice(["hang", "clasped", "hips", "one"], p=[0.45, 0.25, 0.15, 0.15])
     if how == "clasped":
         at = act.u(0.34, 0.46), -0.27, -act.u(0.4, 0.62)
@@ -378,7 +378,7 @@ def at_ease(act: Act) -> dict[str, Goal]:
 
 
 LATERAL = 0.30
-"""Part of the way to the foot that stands which the centre of mass goes in one step: the faster, the less, as the force under the
+"""Part of the way to the standing foot that the centre of mass goes in one step; it is less in faster steps, as the force under the
 foot does the rest (an inverted pendulum swayed at the cadence moves by a third to a quarter of what its foot does)."""
 
 WITH_THE_FOOT = 0.2
@@ -411,7 +411,7 @@ def step_to(
 
 
 def shift(act: Act) -> None:
-    """A step of each foot to a place near by: people seldom do a thing just where they happen to stand."""
+    """A step of each foot to a place near by, because people seldom act just where they happen to stand."""
     ahead, aside = act.u(*SHIFT) * act.tall, act.u(-SHIFT_ASIDE, SHIFT_ASIDE) * act.tall
     if act.chance(SHIFT_BACK):
         ahead = -0.7 * ahead  # steps back are shorter
@@ -424,7 +424,7 @@ def shift(act: Act) -> None:
         step_to(act, side, point, yaw=yaw, duration_s=period_s, lift_m=lift_m, leaves=WITH_THE_FOOT)
     x, y, _ = act.place.world(ahead, aside)
     act.place = replace(act.place, x_m=x, y_m=y)
-    # Hips, too, which balance places now: what leaves balance for a seat or the floor begins from there.
+    # The hips, which balance places now, go there too: a movement from balance to a seat or the floor begins from there.
     act.put("com", 0.0, 0.4, middle(act))
     act.put("hips", 0.0, 0.4, (0.0, 0.0))
 

@@ -1,4 +1,4 @@
-"""Lying down on and getting up from the ground or a bed."""
+"""Write sitting and lying down on the floor or a bed, and getting up from it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from t2d_rt.motion.generate.made.act import DEG, OTHER, SIDES, SIGN, Act, Place,
 from t2d_rt.motion.generate.made.hands import OnBone, OnChest, OnPelvis
 from t2d_rt.motion.generate.made.standing import squat_m
 
-# --- from the edge of a bed onto it, and back; how one lies on the back, on floor and bed alike ---
+# --- from the edge of a bed onto it, and back; lying on the back, on floor and bed alike ---
 
 
 HEEL = 0.026
-"""Height of the ankle over stature where the heel rests with the toes up."""
+"""Height of the ankle, over stature, when the heel rests with the toes up."""
 
 
 def onto_bed(act: Act) -> None:
@@ -54,12 +54,12 @@ def onto_bed(act: Act) -> None:
 
 
 def off_bed(act: Act) -> None:
-    """Over the side up to sitting on the bed's edge, legs first."""
+    """The person comes over a side up to sitting on the bed's edge, legs first."""
     body = act.anatomy
     home = act.home
     assert home is not None, "lying on a bed, one has come from its edge"
     up_s = act.u(1.9, 2.5)
-    turn = home.yaw_rad - act.place.yaw_rad  # to the side on which the bed's edge is
+    turn = home.yaw_rad - act.place.yaw_rad  # towards the bed's edge
     head = "left" if turn > 0 else "right"
     sign = SIGN[head]
     bed_m = act.place.floor_m - home.floor_m
@@ -118,7 +118,7 @@ def extend_leg(act: Act, side: str, after_s: float, duration_s: float, *, bent: 
 
 
 def stance_foot_wide(act: Act, side: str) -> tuple[float, float]:
-    """Ball of a foot that is a little wider than in quiet standing, against the middle of the hips [m]."""
+    """Ball of a foot that stands a little wider than in quiet standing, x and y [m] from the middle of the hips."""
     reach, turn = act.anatomy.foot_m, act.habits.toe_out
     return reach * np.cos(turn), SIGN[side] * (1.25 * act.habits.half_width + reach * np.sin(turn))
 
@@ -135,7 +135,7 @@ def sit_down(act: Act, step: Step) -> None:
 
 
 def sit_on_floor(act: Act) -> None:
-    """Down into a squat, hips back and down, hands to the floor behind them; then legs ahead, crossed, or knees up."""
+    """Sit down on the floor: into a squat, then hips back and down, with hands to the floor behind them."""
     body = act.anatomy
     down_s, drop_s = act.u(1.4, 1.75), act.u(1.0, 1.25)
     x, y = middle(act)
@@ -156,7 +156,7 @@ def sit_on_floor(act: Act) -> None:
 
 
 def floor_seat(act: Act) -> None:
-    """Sit down on the floor and get comfortable there."""
+    """Sit down on the floor and get comfortable there, with legs ahead, crossed, or knees up."""
     sit_on_floor(act)
     how = str(act.rng.choice(["ahead", "crossed", "knees up"], p=[0.35, 0.4, 0.25]))
     legs_s = act.u(0.6, 0.75)
@@ -239,7 +239,7 @@ def _recline(act: Act) -> None:
 
 
 def _roll(act: Act, towards: str) -> None:
-    """From the back onto a side, or over the side onto the belly."""
+    """The person rolls from the back onto a side, or over the side onto the belly."""
     body = act.anatomy
     side = towards if towards in SIDES else act.side(0.5)
     sign = SIGN[side]
@@ -259,7 +259,7 @@ def _roll(act: Act, towards: str) -> None:
     x, y = act.at("hips")
     for leg in SIDES:
         top = leg != side
-        # Over a bent knee one does not roll onto the belly.
+        # Nobody rolls onto the belly over a bent knee.
         bend = act.u(0.991, 0.996) if prone else act.u(0.78, 0.88) if top else act.u(0.88, 0.95)
         angle = act.u(0.0, 0.04) if prone else act.u(0.25, 0.4)
         ahead, forward = bend * body.leg_m * float(np.cos(angle)), sign * bend * body.leg_m * float(np.sin(angle))
@@ -273,7 +273,7 @@ def _roll(act: Act, towards: str) -> None:
 
 
 def _over(act: Act, sign: float) -> None:
-    """On over the side onto the belly, hands beside the head."""
+    """The person goes on over the side onto the belly, with hands beside the head."""
     body = act.anatomy
     over_s = act.u(1.0, 1.4)
     x, y = act.at("hips")
@@ -291,7 +291,7 @@ def _over(act: Act, sign: float) -> None:
 
 
 def rise(act: Act, step: Step) -> None:
-    """Stand up from wherever one is: chair, floor or bed."""
+    """Stand up from a chair, the floor or a bed."""
     if act.posture in ("lying on the floor", "lying on a bed"):
         _unroll(act)
     if act.posture == "lying on a bed":
@@ -306,7 +306,7 @@ def rise(act: Act, step: Step) -> None:
 
 
 def _unroll(act: Act) -> None:
-    """Back from side or belly onto the back."""
+    """The person rolls back from side or belly onto the back."""
     if abs(act.values["spin"]) < 10 * DEG:
         return
     roll_s = act.u(1.2, 1.7) * (1.5 if abs(act.values["spin"]) > 120 * DEG else 1.0)

@@ -1,4 +1,4 @@
-"""Lengths, masses and posture that key poses need, and where hands go: a point and an elbow's direction at every instant."""
+"""Lengths, masses and posture that key poses need, and goals of hands: a point and an elbow's direction at every instant."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ LIMB_MASSES: tuple[tuple[str, str, float, float], ...] = (
 """Segments of one side, their fraction of the body's mass and where on them its centre lies (de Leva 1996, table 4, men)."""
 
 TRUNK_MASSES = ((0.1117, 0.106), (0.1633, 0.497), (0.1596, 0.904))
-"""Lower, middle and upper part of the trunk: mass, and place from the middle of the hips along the spine (de Leva 1996)."""
+"""Lower, middle and upper part of the trunk: fraction of the mass, and place along the spine from the hips (de Leva 1996)."""
 
 HEAD_MASS, HEAD_ALONG = 0.0694, 0.45
-"""The head with the neck, between the head's joint and its top (de Leva 1996)."""
+"""Fraction of the mass of head and neck, and place of its centre between the head's joint and its top (de Leva 1996)."""
 
 
 SIGN = {"left": 1.0, "right": -1.0}
@@ -42,7 +42,7 @@ class Anatomy:
     skeleton: Skeleton
 
     def offset(self, name: str) -> np.ndarray:
-        """A joint in its parent's rest frame [m], (3,)."""
+        """Offset (3,) [m] of a joint in its parent's rest frame."""
         return self.skeleton.offsets[INDEX[name]]
 
     def bones_m(self, side: str, first: str, second: str) -> tuple[float, float]:
@@ -61,17 +61,17 @@ class Anatomy:
 
     @cached_property
     def sole_m(self) -> float:
-        """Height of the ball's joint over the floor."""
+        """Height of the ball's joint over the floor [m]."""
         return SOLE * self.stature_m
 
     @cached_property
     def ankle_m(self) -> float:
-        """Height of the ankle over the floor in standing."""
+        """Height of the ankle over the floor in standing [m]."""
         return self.sole_m - 0.5 * float(self.offset("left_foot")[2] + self.offset("right_foot")[2])
 
     @cached_property
     def standing_m(self) -> float:
-        """Height of the middle of the hips in quiet standing, knees not locked: 6 degrees bent."""
+        """Height of the middle of the hips in quiet standing [m], with knees not locked but bent by 6 degrees."""
         return self.ankle_m + 0.9975 * self.leg_m
 
     @cached_property
@@ -93,12 +93,12 @@ class Anatomy:
 
     @cached_property
     def hips_m(self) -> float:
-        """Half the distance between the hips."""
+        """Half the distance between the hips [m]."""
         return 0.5 * float(self.offset("left_hip")[1] - self.offset("right_hip")[1])
 
     @cached_property
     def shoulders_m(self) -> float:
-        """Half the distance between the shoulders."""
+        """Half the distance between the shoulders [m]."""
         across = [self.offset(f"{side}_{joint}")[1] for side in ("left", "right") for joint in ("collar", "shoulder")]
         return 0.5 * float(across[0] + across[1] - across[2] - across[3])
 
@@ -115,24 +115,24 @@ class Anatomy:
 
     @cached_property
     def seat_m(self) -> float:
-        """Height of the hips' joints over the seat that one sits on [m]."""
+        """Height of the hips' joints over the seat in sitting [m]."""
         return 0.052 * self.stature_m
 
     @cached_property
     def back_m(self) -> float:
-        """Height of the hips' joints over the floor of one who lies on the back [m]."""
+        """Height of the hips' joints over the floor in lying on the back [m]."""
         return 0.054 * self.stature_m
 
     @cached_property
     def tilt_rad(self) -> float:
-        """Forward pitch of the pelvis's frame in neutral standing: hips lie below its joint, wherever the file's axis points."""
+        """Forward pitch of the pelvis's frame in neutral standing: hips lie below its joint, whatever the file's axes are."""
         drop = float(np.hypot(self.middle[0], self.middle[2]))
         certainty = float(np.clip(drop / 0.05 - 0.4, 0.0, 1.0))
         return certainty * float(np.arctan2(self.middle[0], -self.middle[2]))
 
     @cached_property
     def mass_weights(self) -> np.ndarray:
-        """Weights (28,) of the joints' positions whose sum is the centre of mass."""
+        """Weights (28,) of the joints' positions whose weighted sum is the centre of mass."""
         weights = np.zeros(len(NAMES))
         bones = [
             (f"{side}_{upper}", f"{side}_{lower}", mass, along)
@@ -159,7 +159,7 @@ class Anatomy:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """The body as far as it is posed before the arms are: positions (T, 3) [m] and orientations (T, 4) by joint.
+    """The body as it is posed before the arms: positions (T, 3) [m] and orientations (T, 4) by joint.
 
     Two more orientations: "heading", the level one of the pelvis, and "hips", that of the pelvis without its file's own tilt.
     """
@@ -187,13 +187,13 @@ class Hand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Goal:
-    """Somewhere for a hand; subclasses say where."""
+    """A goal of a hand; subclasses say where it is."""
 
     held: bool = False
     """Whether it rests on something and so does not shake."""
 
     def place(self, figure: Figure, side: str) -> Hand:
-        """The hand of one side."""
+        """The hand of one side at its goal."""
         raise NotImplementedError
 
 
@@ -206,10 +206,10 @@ class Hang(Goal):
     bend_rad: float = 0.30
     """Flexion of the elbow."""
     follow: float = 0.3
-    """Part of the trunk's lean that the arm takes along."""
+    """Part of the trunk's lean that the arm follows."""
 
     def place(self, figure: Figure, side: str) -> Hand:
-        """As far below the shoulder as the bent elbow allows."""
+        """The hand as far below the shoulder as the bent elbow allows."""
         sign = SIGN[side]
         first, second = figure.anatomy.bones_m(side, "elbow", "wrist")
         length = np.sqrt(first**2 + second**2 + 2 * first * second * np.cos(self.bend_rad))
@@ -229,13 +229,13 @@ class OnBone(Goal):
     along: float = 0.7
     """Place on the bone, 0 at its upper end."""
     lift: float = 0.055
-    """Wrist over the bone's axis, over stature: half the limb and half the hand."""
+    """Height of the wrist over the bone's axis, over stature: half the limb and half the hand."""
     out: float = 0.0
-    """Distance to the side, over stature."""
+    """Distance of the wrist to the side, over stature."""
     held: bool = True
 
     def place(self, figure: Figure, side: str) -> Hand:
-        """On the front of the bone."""
+        """The hand on the front of the bone."""
         sign = SIGN[side]
         start, end = figure.points[f"{side}_{self.upper}"], figure.points[f"{side}_{self.lower}"]
         turn = figure.turns[f"{side}_{self.upper}"]
@@ -253,18 +253,18 @@ class AtPoint(Goal):
 
     at: Triple
     elbow: Triple
-    """Where the elbow points."""
+    """Direction of the elbow."""
     fingers: Triple | None = None
-    """Where the fingers point, if they are not to go on along the forearm."""
+    """Direction of the fingers; None if they are to continue the forearm."""
     back: Triple = (0.0, 0.0, 1.0)
-    """Where the back of the hand faces if fingers are given."""
+    """Direction that the back of the hand faces if fingers are given."""
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:
-        """Orientations (T, 4) of the frame, and places (T, 3) of the wrist [m]."""
+        """Orientations (T, 4) of the frame, and positions (T, 3) [m] of the wrist."""
         raise NotImplementedError
 
     def place(self, figure: Figure, side: str) -> Hand:
-        """The wrist at the point, elbow and hand turned with the frame."""
+        """The hand with its wrist at the point, elbow and fingers turned with the frame."""
         frame, wrist = self.wrist(figure, side)
         mirror = np.array([1.0, SIGN[side], 1.0])
         directions = [self.elbow] if self.fingers is None else [self.elbow, self.fingers, self.back]
@@ -273,7 +273,7 @@ class AtPoint(Goal):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnChest(AtPoint):
-    """A point that goes with the chest: from the shoulder's own rest place, in lengths of the arm."""
+    """A point that moves with the chest, counted from the shoulder's own rest place in lengths of the arm."""
 
     elbow: Triple = (-0.5, 0.7, -0.5)
     back: Triple = (0.0, 1.0, 0.0)
@@ -289,7 +289,7 @@ class OnChest(AtPoint):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OnPelvis(AtPoint):
-    """A point that goes with the pelvis: from its own hip, over stature; by default a hand on the hip."""
+    """A point that moves with the pelvis, counted from the hip of its side, over stature; by default the hand is on the hip."""
 
     at: Triple = (0.02, 0.075, 0.06)
     elbow: Triple = (-0.7, 0.8, 0.0)
@@ -306,10 +306,10 @@ class OnPelvis(AtPoint):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InSpace(AtPoint):
-    """A point of the room [m], `at` as it stands: floor, seat, armrest, handrail, a thing on the floor."""
+    """The point `at` of the room [m]: floor, seat, armrest, handrail, a thing on the floor."""
 
     yaw_rad: float = 0.0
-    """Heading that elbow and fingers are given in."""
+    """Heading of the frame in which elbow and fingers are given."""
     held: bool = True
 
     def wrist(self, figure: Figure, side: str) -> tuple[np.ndarray, np.ndarray]:

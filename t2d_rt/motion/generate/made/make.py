@@ -1,4 +1,4 @@
-"""From steps of a description to poses."""
+"""Make poses of those steps of a description of which no clip ships."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ MADE: Mapping[str, Callable[[Act, Step], None]] = {
     "balance": standing.balance,
     **dict.fromkeys(("climb", "walk", "run"), seat.climb),
 }
-"""What writes each action; walking and running are made where they go up or down a stair."""
+"""The function that writes each action; walking and running are made if they go up or down a stair."""
 
 RESTS: Mapping[Posture, str] = {
     "standing": "stand",
@@ -52,7 +52,7 @@ RESTS: Mapping[Posture, str] = {
     "lying on the floor": "lying",
     "lying on a bed": "lying",
 }
-"""What one does who rests in a posture."""
+"""Activity of a person who rests in a posture."""
 
 T = TypeVar("T", Move, Grasp)
 
@@ -60,20 +60,20 @@ CLIMBS = "climb", "walk", "run"
 """Actions that go up or down a stair."""
 
 STEPS_BEFORE, STEPS_AWAY, TURNS_TO_SEAT, TURNS_AWAY = 0.65, 0.65, 0.25, 0.8
-"""Chances of a step before, of one afterwards by who ends up standing, that who sits down turns the back to the seat first, and
-that who has stood up turns to where the way goes on."""
+"""Chances of a step before the motion, of one after it if the person ends up standing, of turning the back to the seat before
+sitting down, and of turning away after standing up."""
 
 TURNED_AWAY_DEG = 20.0, 140.0
-"""Range of the angle by which one who has stood up turns."""
+"""Range of the angle of the turn after standing up."""
 
 SLOWEST, FASTEST = 0.4, 2.0
-"""Factors on the pace by which a wanted duration may be met; longer ones rest at the end."""
+"""Least and greatest factor on the pace by which a wanted duration may be met; the rest of a longer one is spent at rest."""
 
 RAIL_M = 0.92
 """Height of a handrail for a stature of 1.72 m."""
 
 STILL_MPS = 0.003
-"""Speed of a foot that stands."""
+"""Speed of a foot below which it stands."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +90,7 @@ class MadeMotion:
     does: Begins
     """Each step from its first movement to its last, the rests between them, and their first frames."""
     notes: tuple[str, ...]
-    """What stands where: heights of seats, beds and treads, and the person's way of using them."""
+    """Heights of seats, beds and treads, and the person's way of using them."""
 
 
 def make(
@@ -103,10 +103,10 @@ def make(
     tempo: float = 1.0,
     begins: Posture | None = None,
 ) -> MadeMotion:
-    """Steps of which no clip ships, one after the other, by one person.
+    """A motion of steps of which no clip ships, one after the other, by one person. Raises an InputError for other steps.
 
-    skeleton: of the person, in the common rest pose. tempo: factor on the pace. begins: posture at the start; by default what the
-        first step needs, which for standing up is sitting on a chair, or lying on the floor if its object is the floor.
+    skeleton: the person's, in the common rest pose. tempo: factor on the pace. begins: posture at the start; by default the one
+        that the first step needs, which for standing up is sitting on a chair, or lying on the floor if its object is the floor.
     """
     for step in steps:
         if step.action not in MADE or (step.action in ("walk", "run") and step.direction not in ("up", "down")):
@@ -160,7 +160,7 @@ def make(
 
 
 def _does(poses: Poses, spans: Sequence[tuple[str, float, float, str, str]]) -> Begins:
-    """What is done when, of steps with begin and end [s] and the rests before and after them."""
+    """Actions and their first frames, from steps with beginning and end [s] and the rests before and after them."""
     joints, _ = poses.world()
     begins: list[tuple[str, int]] = [(spans[0][3], 0)]
     for action, begin_s, end_s, before, after in spans:
@@ -192,8 +192,8 @@ def _begun(anatomy: Anatomy, rng: np.random.Generator, handed: str, step: Step, 
 
 
 def _hold_rail(act: Act, grasps: Mapping[str, int], start_s: float) -> None:
-    """One hand takes a rail beside the person at the begin of a step and keeps it until the end: what else it was to do since then,
-    behind the first `grasps` of its side, is dropped."""
+    """One hand takes a rail beside the person at the beginning of a step and keeps it until the end: what else it was to do in the
+    step, after the first `grasps` of its side, is dropped."""
     side = act.side(0.6)
     tall = act.tall / 1.72
     point = act.u(-0.02, 0.12), SIGN[side] * act.u(0.34, 0.40) * tall, RAIL_M * tall
@@ -216,7 +216,7 @@ class Stretch:
 
     @classmethod
     def between(cls, start_s: float, end_s: float, duration_s: float) -> Stretch:
-        """What brings a span to a duration; beyond what pace can do, the end is to be held."""
+        """The stretch that brings a span to a duration, as far as the pace may change; beyond that, the end is to be held."""
         return cls(start_s, float(np.clip(duration_s / max(end_s - start_s, 0.1), 1 / FASTEST, 1 / SLOWEST)))
 
     def later(self, time_s: float) -> float:

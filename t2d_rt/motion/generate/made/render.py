@@ -1,4 +1,4 @@
-"""From an act to poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals, and small movements."""
+"""Render an act as poses: trunk, legs by inverse kinematics, balance over the feet, arms to their goals, and small movements."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ HAND_SWAY_M, HAND_MOTOR_M = 0.006, 0.0032
 
 
 def activity(values: np.ndarray, rate_hz: float) -> np.ndarray:
-    """How much the body moves (T,), 0 at rest, about 1 in a brisk movement: speeds of trunk, hips and feet."""
+    """How much the body moves (T,), 0 at rest and about 1 in a brisk movement, by the speeds of trunk, hips and feet."""
     from scipy.ndimage import gaussian_filter1d
 
     scale = {
@@ -69,7 +69,7 @@ def shaken(values: np.ndarray, times_s: np.ndarray, moving: np.ndarray, rng: np.
 
 
 def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Shifts (T, 3) [m] of a hand that is free."""
+    """Shifts (T, 3) [m] of a hand that rests on nothing."""
     slow = wander(rng, times_s, 3, (0.15, 1.2), SWAY_SLOPE)
     fast = wander(rng, times_s, 3, MOTOR_HZ, MOTOR_SLOPE)
     return HAND_SWAY_M * slow + HAND_MOTOR_M * moving[:, None] * fast
@@ -81,7 +81,7 @@ def hand_noise(times_s: np.ndarray, moving: np.ndarray, rng: np.random.Generator
 X, Y, Z = np.eye(3)
 
 Sides = Mapping[str, np.ndarray]
-"""Something of the left and of the right side."""
+"""Arrays of the left and of the right side."""
 
 SPINE = (LOWER_BACK, "spine1", "spine2", "spine3")
 FLEX_PARTS = 0.30, 0.28, 0.24, 0.18
@@ -90,23 +90,23 @@ TWIST_PARTS = 0.10, 0.20, 0.35, 0.35
 
 NECK_LIMIT = 58 * DEG
 FOLD = 0.2
-"""Least length of a limb over that of its bones."""
+"""Least distance between a limb's ends, over the length of its bones."""
 REACH = 0.9985
-"""Greatest length of a leg over that of its bones."""
+"""Greatest distance from hip to ankle, over the length of the leg's bones."""
 ARM_RADIUS = 0.021
 """Half the thickness of wrist and elbow, over stature."""
 RELAXED_RAD = 35 * DEG
-"""Plantar flexion of a foot that lies about."""
+"""Plantar flexion of a loose foot."""
 ARM_SOFT, LEG_SOFT = 0.02, 0.002
 STEADY_S = 0.09
 SOFT_M = 0.007
 BALANCE_STEPS = 3
-"""Of the search for the hips: where the centre of mass sways by 3 to 5 mm, 2 leave up to 18 mm, 3 at most 3 mm."""
+"""Steps of the search for the hips: while the centre of mass sways by 3 to 5 mm, 2 leave errors up to 18 mm, 3 at most 3 mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class Renderer:
-    """The poses of one table of channels, for any places of the hips."""
+    """Renders one table of channels for any places of the hips."""
 
     anatomy: Anatomy
     values: Mapping[str, np.ndarray]
@@ -137,7 +137,7 @@ class Renderer:
         return np.einsum("tjk,j->tk", self.posed(hips)[0], self.anatomy.mass_weights)
 
     def balanced(self) -> np.ndarray:
-        """Hips (T, 3) whose level place holds the centre of mass where it is wanted, as far as the channel `balanced` says."""
+        """Hips (T, 3) [m] that hold the centre of mass at its target over the floor, as far as the channel `balanced` says."""
         hips, weight = self.hips(), np.clip(self.values["balanced"], 0.0, 1.0)[:, None]
         if not weight.any():
             return hips
@@ -146,7 +146,7 @@ class Renderer:
         balanced[:, :2] = target
         for _ in range(BALANCE_STEPS):
             balanced[:, :2] += np.clip(1.3 * (target - self.centre_of_mass(balanced)[:, :2]), -0.2, 0.2)
-        if self.rate_hz > 0:  # where nobody could balance, as on a folded leg, the search ends here and there
+        if self.rate_hz > 0:  # where nobody could balance, as on a folded leg, results of the search scatter
             from scipy.ndimage import gaussian_filter1d
 
             balanced[:, :2] = gaussian_filter1d(balanced[:, :2], 0.04 * self.rate_hz, axis=0, mode="nearest")
@@ -156,15 +156,15 @@ class Renderer:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """What one arm does: its goals, and how far it has gone from each to the next."""
+    """Goals of one arm, and how far it has gone from each to the next."""
 
     goals: Sequence[Goal]
     done: Sequence[np.ndarray]
-    """Parts (T,) that are done of the ways to the second goal, to the third, ..."""
+    """Parts (T,) of the paths to the second goal, to the third, ..., that are done."""
     aside_m: Sequence[float]
-    """Greatest distances by which these ways bend outward."""
+    """Greatest distances by which these paths bend outward."""
     shake: np.ndarray
-    """How the hand shakes where it does not rest, (T, 3) or (3,) [m]."""
+    """Shifts (T, 3) or (3,) [m] of the hand while it does not rest on something."""
 
 
 def render(act: Act, *, rng: np.random.Generator, rate_hz: float) -> tuple[Poses, np.ndarray]:
@@ -190,8 +190,8 @@ def render(act: Act, *, rng: np.random.Generator, rate_hz: float) -> tuple[Poses
 
 
 def still(anatomy: Anatomy, table: np.ndarray) -> tuple[Figure, np.ndarray]:
-    """The body without its arms in each of the poses of a table of channels (N, C), balanced as far as they say with the arms
-    hanging, and its centre of mass (N, 3) [m].
+    """The body without its arms in each pose of a table of channels (N, C), balanced with hanging arms as far as the channels say,
+    and its centre of mass (N, 3) [m].
     """
     hanging = Arm([Hang()], [], [], np.zeros(3))
     renderer = Renderer.of(anatomy, table, dict.fromkeys(SIDES, hanging), 0.0)
@@ -200,7 +200,7 @@ def still(anatomy: Anatomy, table: np.ndarray) -> tuple[Figure, np.ndarray]:
 
 
 def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) -> Figure:
-    """Trunk, head and legs, and the shoulders that arms hang from."""
+    """The body with trunk, head, legs and shoulders posed, for hips (T, 3) [m]."""
     turns = {"heading": quaternions.about_axis(Z, values["yaw"])}
     upright = _chain(turns["heading"], (Y, values["pitch"]), (X, -values["roll"]), (Z, values["spin"]))
     turns["hips"] = above = upright
@@ -228,7 +228,7 @@ def _body(anatomy: Anatomy, values: Mapping[str, np.ndarray], hips: np.ndarray) 
 
 
 def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: dict[str, np.ndarray]) -> np.ndarray:
-    """Ankle (T, 3) of a foot that turns about its ball or its heel; sets the turns of foot and toes."""
+    """Ankle (T, 3) [m] of a foot that turns about its ball or its heel; it sets the turns of foot and toes."""
     tip, pivot = values[f"{side}_tip"], values[f"{side}_pivot"][:, None]
     level = quaternions.about_axis(Z, values[f"{side}_yaw"])
     turns[f"{side}_ankle"] = _chain(level, (Y, tip))
@@ -243,7 +243,7 @@ def _foot(anatomy: Anatomy, values: Mapping[str, np.ndarray], side: str, turns: 
 
 
 def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles: Sides, tied: Sides) -> np.ndarray:
-    """Hips lowered, without a corner in time, where a leg would not reach its foot; a foot that lies about (tied 0) follows."""
+    """Hips (T, 3) lowered smoothly where a leg would not reach its foot; a loose foot (tied 0) follows the leg instead."""
     lowered = hips.copy()
     for side in SIDES:
         offset = quaternions.rotate(pelvis, anatomy.offset(f"{side}_hip") - anatomy.middle)
@@ -256,7 +256,7 @@ def _within_reach(anatomy: Anatomy, pelvis: np.ndarray, hips: np.ndarray, ankles
 
 
 def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.ndarray) -> None:
-    """Hip and knee for a given ankle; the knee points where the foot and the pelvis do."""
+    """Sets hip and knee for a given ankle; the knee points where the foot and the pelvis do."""
     points, turns = figure.points, figure.turns
     hip = points["pelvis"] + quaternions.rotate(turns["pelvis"], figure.anatomy.offset(f"{side}_hip"))
     outward = 0.7 * (values[f"{side}_yaw"] - values["yaw"]) + SIGN[side] * values[f"{side}_splay"]
@@ -279,7 +279,7 @@ def _leg(figure: Figure, values: Mapping[str, np.ndarray], side: str, ankle: np.
 
 
 def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float) -> None:
-    """The arm on its way from goal to goal: round the shoulder, not straight through the body."""
+    """Poses the arm on its way from goal to goal, which leads round the shoulder and not straight through the body."""
     points, turns, tall, sign = figure.points, figure.turns, figure.anatomy.stature_m, SIGN[side]
     hands = [goal.place(figure, side) for goal in arm.goals]
     shoulder = points[f"{side}_shoulder"]
@@ -297,7 +297,7 @@ def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float
     bones_m = figure.anatomy.bones_m(side, "elbow", "wrist")
     pole = _steady(elbow, wrist - shoulder, rate_hz)
     middle, end, side_on = _two_bones(shoulder, wrist, pole, bones_m, ARM_SOFT)
-    for _ in range(2):  # an elbow that would sink into the ground turns up about the line from shoulder to wrist
+    for _ in range(2):  # an elbow that would sink into the ground is turned up about the line from shoulder to wrist
         sunk = 5 * SOFT_M * np.logaddexp(0.0, (lowest - middle[:, 2]) / (5 * SOFT_M))
         side_on = side_on + (sunk / (0.08 * tall))[:, None] * Z
         middle, end, side_on = _two_bones(shoulder, wrist, side_on, bones_m, ARM_SOFT)
@@ -313,7 +313,7 @@ def _arm(figure: Figure, side: str, arm: Arm, ground: np.ndarray, rate_hz: float
 
 
 def _steady(pole: np.ndarray, span: np.ndarray, rate_hz: float) -> np.ndarray:
-    """Direction (T, 3) in which the elbow bends, steadied in time: where the arm lies along its pole, neighbours say which."""
+    """Direction (T, 3) in which the elbow bends, smoothed in time: where the arm lies along its pole, neighbours tell it."""
     if rate_hz == 0:
         return pole
     from scipy.ndimage import gaussian_filter1d
@@ -324,14 +324,14 @@ def _steady(pole: np.ndarray, span: np.ndarray, rate_hz: float) -> np.ndarray:
 
 
 def _turned(first: np.ndarray, second: np.ndarray, done: np.ndarray) -> np.ndarray:
-    """From one orientation (T, 4) to another by the way round that is the shorter one in the middle of the movement."""
+    """Orientations (T, 4) from the first to the second, by the way round that is shorter in the middle of the movement."""
     first, second = quaternions.continuous(first), quaternions.continuous(second)
     agree = float(((first * second).sum(-1) * (done * (1 - done) + 1e-9)).sum())
     return quaternions.normalise((1 - done)[:, None] * first + done[:, None] * (second if agree >= 0 else -second))
 
 
 def _above(hand: np.ndarray, sign: float, wrist: np.ndarray, ground: np.ndarray, anatomy: Anatomy) -> np.ndarray:
-    """The hand turned up at the wrist where its end would sink into the ground."""
+    """Orientations (T, 4) of the hand, turned up at the wrist where its end would sink into the ground."""
     fingers = quaternions.rotate(hand, sign * Y)
     least = (ground + 0.006 * anatomy.stature_m - wrist[:, 2]) / anatomy.hand_m
     height = np.minimum(fingers[:, 2] + 0.05 * np.logaddexp(0.0, (least - fingers[:, 2]) / 0.05), 1.0)
@@ -341,14 +341,14 @@ def _above(hand: np.ndarray, sign: float, wrist: np.ndarray, ground: np.ndarray,
 
 
 def _hand(hand: Hand, loose: np.ndarray, sign: float) -> np.ndarray:
-    """Orientation of the hand: along the forearm where the goal does not care."""
+    """Orientations (T, 4) of the hand, those of the forearm if the goal gives none."""
     if hand.fingers is None or hand.back is None:
         return loose
     return axes_along("y", sign * hand.fingers, "z", hand.back)
 
 
 def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Between two vectors (T, 3): the direction turns at an even rate, the length changes evenly."""
+    """Vectors (T, 3) between two others: the direction turns at an even rate, and the length changes evenly."""
     a, b = unit(start), unit(end)
     angle = np.arccos(np.clip((a * b).sum(-1, keepdims=True), -0.9999, 0.99999))
     span = (np.sin((1 - part) * angle) * a + np.sin(part * angle) * b) / np.sin(angle)
@@ -359,9 +359,9 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
 def _two_bones(
     start: np.ndarray, target: np.ndarray, pole: np.ndarray, bones_m: tuple[float, float], soft: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle and end (T, 3) of a limb that reaches for a target, and the direction square to it in which it bends: law of cosines.
+    """Middle and end (T, 3) of a limb that reaches for a target, by the law of cosines, and the perpendicular in which it bends.
 
-    soft: part of the limb's length within which it comes to its end, as an elbow swings out of a straight arm in no time.
+    soft: part of the limb's length over which its stretch ends smoothly, because an elbow leaves a straight arm at any speed.
     """
     first, second = bones_m
     span = target - start

@@ -1,4 +1,4 @@
-"""Sitting down, standing up, and stairs."""
+"""Write sitting down on a chair, standing up from it, and climbing stairs."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ SEAT_M = 0.38, 0.53
 
 
 STAIR_M = 0.31, 0.37
-"""Range of the height of two treads of a stair, on which one sits."""
+"""Range of the height of two treads of a stair, which are a seat."""
 
 
 SHORTEST_SIT_S = 1.65
-"""Least time from the first movement to rest on the seat. Of fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in
-most of them with a stay on the way and so at two peaks of speed; fifty people took 1.97 s (Kerr 1997)."""
+"""Least time from the first movement to rest on the seat. In fourteen recorded sits the hips took 1.40 to 4.37 s, median 1.94, in
+most of them with a stay on the way and so with two peaks of speed; fifty people took 1.97 s (Kerr 1997)."""
 
 HESITATING, UNBROKEN_S = 0.8, 2.4
-"""Chance of such a stay, and the time from which there is always one."""
+"""Chance of such a stay, and the duration from which there is always one."""
 
 
 def sit(act: Act, step: Step, *, backrest: bool = True) -> None:
@@ -109,7 +109,7 @@ def settle(act: Act, step: Step, *, leans: bool) -> None:
 
 
 def seated_hips(act: Act, seat_m: float, *, shank_rad: float) -> tuple[float, float, float]:
-    """Middle of the hips on a seat [m], so far behind the feet that the shanks lean forward by an angle."""
+    """Middle of the hips on a seat, x, y and z [m], so far behind the feet that the shanks lean forward by an angle."""
     body = act.anatomy
     ankle_x = 0.5 * sum(
         act.at(side)[0] - body.foot_m * np.cos(act.values[f"{side}_yaw"] - act.place.yaw_rad) for side in SIDES
@@ -125,8 +125,8 @@ LEANS = np.linspace(10, 36, 14) * DEG
 
 
 def counterbalance(act: Act, hips: tuple[float, float, float], flex: float, *, behind_m: float) -> float:
-    """Least pitch of the pelvis at which a body just over its seat has its centre of mass no farther than `behind_m` behind the
-    ankles: what its speed carries over the feet (Pai and Patton 1997).
+    """Least pitch of the pelvis [rad] at which a body just over its seat has its centre of mass no farther than `behind_m` behind
+    the ankles, from where its speed carries it over the feet (Pai and Patton 1997).
     """
     x, y, z = act.place.world(*hips)
     values = {**act.values, "x": x, "y": y, "z": z, "balanced": 0.0, "flex": flex}
@@ -170,7 +170,7 @@ def stand_up(act: Act, step: Step) -> None:
 
 
 def _feet_back(act: Act) -> None:
-    """Feet go under the seat as far as one needs them to rise: shanks 15 to 20 degrees forward."""
+    """Feet go back under the seat as far as rising needs, with shanks 15 to 20 degrees forward."""
     reach = act.u(0.0, 0.06)
     for number, side in enumerate((act.handed, OTHER[act.handed])):
         x, y = act.at(side)
@@ -252,7 +252,7 @@ CADENCE_PER_MIN = 90, 110
 """Steps a minute of adults at ease on stairs (Riener 2002; Nadeau 2003)."""
 
 RUNNING = 1.4
-"""Factor on the cadence of one who runs up a stair; both feet never leave it at once."""
+"""Factor on the cadence in running on a stair; both feet never leave it at once."""
 
 
 def climb(act: Act, step: Step) -> None:
@@ -301,14 +301,14 @@ def _tread(act: Act, side: str, point: tuple[float, float, float], *, period_s: 
     floor = act.place.floor_m
     stand = OTHER[side]
     height = act.values[f"{stand}_z"] - floor
-    # The body goes over the foot that carries and on, sideways by a part only of the way to it.
-    # Moves that last two periods add up to an even speed; the body is over a foot's middle when that has carried it half the way.
+    # The body goes over the foot that carries and on, but sideways only by a part of the way to it.
+    # Moves that last two periods add up to an even speed; the body is over a foot's middle half-way through its support.
     ahead = point[0] - (1 - act.habits.lean if last else 0.5) * body.foot_m
     act.put("com", 0.13 * period_s, (1.3 if last else 2.0) * period_s, (ahead, act.at("com")[1]))
     act.put("com", -0.25 * period_s, 0.95 * period_s, (act.at("com")[0], LATERAL * middle(act, stand)[1]))
     target = point[2]
     swing_s, begin_s = 0.72 * period_s, 0.27 * period_s
-    # The knee that carries gives a little, but for the last step's.
+    # The knee that carries gives a little, except in the last step.
     give = (0.02 if rise > 0 else 0.026) * act.tall * (0.0 if last else 1.0)
     hips_m = floor + (height if rise > 0 else target) + body.standing_m - give
     after, lasting_s = (-0.1, 1.2) if rise > 0 else (0.08, 0.98)
@@ -344,7 +344,7 @@ def _swing_arms(act: Act, side: str, period_s: float) -> None:
 
 
 def _slide_rail(act: Act, side: str, *, x: float, height: float, period_s: float) -> None:
-    """The hand takes the rail ahead, 0.9 m over the treads, at every step anew."""
+    """The hand takes the rail anew at every step, ahead and 0.9 m over the treads."""
     tall = act.tall / 1.72
     point = x + act.u(0.12, 0.22), SIGN[side] * 0.30 * tall, height + 0.92 * tall
     goal = act.place.hold(*point, elbow=(-0.8, 0.5, -0.6), fingers=(0.9, 0.0, 0.3))

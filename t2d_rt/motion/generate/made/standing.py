@@ -1,4 +1,4 @@
-"""Bending, squatting and stretching with both feet on the floor."""
+"""Write bending, squatting and stretching with both feet on the floor, and standing on one leg."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from t2d_rt.motion.generate.made.render import still
 
 
 MORE_KNEES = np.array([0, 14, 28, 42, 56]) * DEG
-"""Angles by which the knees may bend farther than they should, so that hands come down to the floor."""
+"""Angles by which the knees may bend farther than was drawn, so that hands come down to the floor."""
 
 MOST_KNEES = 122 * DEG
 
 BEND_LOG_S = (0.14, 0.18), (0.2, 0.17), (-0.6, 1.0)
-"""Means and deviations of the logarithms of the times [s] of going down, of coming up and of what is between. Hips of six recorded
-bends go down by 94 % of their way in 0.65 to 0.82 s and up in 0.80 to 0.87 s, at up to 0.7 to 0.9 m/s."""
+"""Means and deviations of the logarithms of the times [s] of going down, of coming up and of the rest between. In six recorded
+bends the hips go down by 94 % of their way in 0.65 to 0.82 s and up in 0.80 to 0.87 s, at up to 0.7 to 0.9 m/s."""
 
 STOOPS, SCOOP_KNEES_DEG = 0.25, (68.0, 124.0)
-"""Chance that the knees stay nearly straight where nothing is said of them, and how far they bend else: people lift in between
+"""Chance that the knees stay nearly straight if nothing is said of them, and how far they bend otherwise: people lift in between
 a stoop and a squat, most with the knees half bent (Burgess-Limerick 1997)."""
 
 STOOP, SCOOP = 105 * DEG, 84 * DEG
@@ -32,7 +32,7 @@ STOOP, SCOOP = 105 * DEG, 84 * DEG
 
 
 def bend(act: Act, step: Step) -> None:
-    """Bend as the words say: to a thing on the floor, to knee or foot, to a side, backward, or one's knees."""
+    """Bend as the step says: to a thing on the floor, to knee or foot, to a side, backward, or the knees."""
     if step.direction in ("left", "right") and step.object is None:
         _repeat(act, step, _bend_aside)
     elif step.direction == "back":
@@ -140,10 +140,10 @@ def _low_goals(act: Act, step: Step, side: str, *, both: bool, picks: bool) -> d
 def _leaned(
     act: Act, goals: dict[str, Goal], knees_rad: float, *, fraction: float, twist: float, most_rad: float
 ) -> dict[str, float]:
-    """The smallest lean up to `most_rad` with which the hands reach their goals with the elbows a little bent, knees bent by an
-    angle, or by a greater one where that is not enough.
+    """Channels of the smallest lean up to `most_rad` with which the hands reach their goals with the elbows a little bent, the
+    knees bent by an angle, or by a greater one if that is not enough.
 
-    fraction: the spine's part of it, the hips do the rest.
+    fraction: the spine's part of the lean; the hips do the rest.
     """
     body = act.anatomy
     bends = np.minimum(knees_rad + MORE_KNEES, MOST_KNEES)
@@ -164,7 +164,7 @@ def _leaned(
 
 
 def squat_m(act: Act, knees_rad: float) -> float:
-    """Height of the hips over feet that stand flat, with the knees bent by an angle and the hips somewhat behind the ankles."""
+    """Height [m] of the hips over flat feet, with the knees bent by an angle and the hips somewhat behind the ankles."""
     thigh, shank = (act.anatomy.skeleton.bone_m(f"left_{joint}") for joint in ("knee", "ankle"))
     length2 = thigh**2 + shank**2 + 2 * thigh * shank * np.cos(knees_rad)
     behind = 0.16 * act.anatomy.leg_m * np.sin(min(knees_rad, np.pi / 2))
@@ -216,12 +216,12 @@ def _bend_knees(act: Act, step: Step) -> None:
 
 
 CROUCH_S = 6.0
-"""Time from which one squat is a rest on the heels."""
+"""Duration from which a single squat is a rest on the heels."""
 DOWN_AND_UP_S = 3.0
-"""Time that going down and coming up take of it, about."""
+"""Approximate time that going down and coming up take in it."""
 CROUCH_DEG = 140.0, 152.0
-"""Its knees: 149 degrees of 26 people who crouched (Hyodo 2017, Braz. J. Phys. Ther. 21: 159), 157 at most, of thirty who often do
-(Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
+"""Range of its bend of the knees: 149 degrees in 26 people who crouched (Hyodo 2017, Braz. J. Phys. Ther. 21: 159), at most 157 in
+thirty who often do (Hemmerich 2006, J. Orthop. Res. 24: 770); thighs lie on calves."""
 
 
 def squat(act: Act, step: Step) -> None:
@@ -323,7 +323,7 @@ def lower_arm(act: Act, side: str, after_s: float, duration_s: float) -> None:
 
 
 def stretch(act: Act, step: Step) -> None:
-    """Stretch arms, sides, back or a leg, as the words say."""
+    """Stretch arms, sides, back or a leg, as the step says."""
     for number in range(step.count or 1):
         if number:
             act.wait(act.u(0.1, 0.4))
@@ -431,11 +431,11 @@ def _between(start: tuple[float, float], end: tuple[float, float], part: float) 
 
 
 HELD_S, LEAST_HELD_S = (3.0, 7.0), 0.5
-"""How long one leg is held up where nothing is said of it, and at least [s]."""
+"""Range of the time for which a leg is held up if none is given, and the least time [s]."""
 
 SWAY_M, SWAY_S = 0.008, (0.4, 0.9)
-"""Standard deviation [m] of the places between which the centre of mass goes over one foot, chosen above the 2 to 5 mm of both, and
-the time of one such way [s]."""
+"""Standard deviation [m] of the places between which the centre of mass goes over one foot, chosen above the 2 to 5 mm over both,
+and the range of the time from one place to the next [s]."""
 
 
 def balance(act: Act, step: Step) -> None:
