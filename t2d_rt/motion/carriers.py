@@ -59,7 +59,7 @@ RANGES_M: Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]] = {
 MATERIALS = {"bag": "fabric", "ball": "plastic", "box": "wood", "backpack": "fabric"} | dict.fromkeys(
     ("cane", "crutch", "walker", "wheelchair"), "metal"
 )
-"""What things are made of by default."""
+"""Default materials of things."""
 SAYING = re.compile(r"(?:an? )?(\w+)(?: in (?:the|a|his|her|their) (left|right) hand)?")
 ONE_HANDED = "bag", "ball", "cane", "crutch"
 FITTED = "cane", "crutch", "walker", "wheelchair"
@@ -177,7 +177,7 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Grip:
-    """Where a hand holds a thing, in the thing's frame."""
+    """The place where a hand holds a thing, in the thing's frame."""
 
     at: np.ndarray
     """Position (3,) [m] of the middle of the grip."""

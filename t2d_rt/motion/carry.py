@@ -55,7 +55,7 @@ BAG_BEND_RAD, CANE_BEND_RAD = 0.15, 0.6
 """Bend of the elbow of an arm that carries a bag, and of one that leans on an upright cane, to which the cane is fitted; the arm
 straightens as the cane leans."""
 CANE_AHEAD = 0.04
-"""How far ahead of the middle of the other foot a cane stands, over stature."""
+"""Distance of a standing cane ahead of the middle of the other foot, over stature."""
 CANE_LIFT_M = 0.04
 """Height of a cane's tip over the floor in the middle of its swing [m]."""
 SWING_S = 0.3

@@ -19,7 +19,7 @@ FARTHEST_M = 10_000.0
 """Greatest distance of the start that `place` takes [m]."""
 
 PLACED = "placed "
-"""How the clause that `place` writes into a motion's report begins."""
+"""Beginning of the clause that `place` writes into a motion's report."""
 
 CLOSEST_APPROACH_M = 1.5
 """Horizontal distance of the nearest joint to the radar that `place` keeps if no distance is given."""

@@ -128,7 +128,7 @@ def _excess(deviation: np.ndarray, limit: tuple[float, float], rate_hz: float) -
 
 
 def _peaks(size: np.ndarray, frames: int) -> list[int]:
-    """Indices of positive values that no value fewer than `frames` frames away exceeds."""
+    """Indices of positive values that no value within fewer than `frames` frames exceeds."""
     places = np.flatnonzero(size > 0)
     if len(places) > MOST:
         places = np.sort(places[np.argsort(-size[places])[:MOST]])

@@ -29,7 +29,7 @@ for Spinal Cord Medicine, Preservation of Upper Limb Function, 2005), and greate
 RIM_HAND_RAD = np.pi / 6
 """Angle by which fingers on a rim point forward from straight down."""
 SHIN_AHEAD_M, FOOTREST_M = 0.05, 0.05
-"""How far ankles are ahead of knees that are level with the hips, and least height of a footrest [m]."""
+"""Distance of the ankles ahead of knees that are level with the hips, and least height of a footrest [m]."""
 PATH_HZ = 0.25
 """Cut-off frequency that smooths the pelvis's track to a wheelchair's: a pelvis sways once in a stride."""
 ROLLS_MPS, RISE = (0.1, 0.3), 0.12

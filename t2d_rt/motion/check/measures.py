@@ -153,10 +153,10 @@ AIRBORNE = 0.035
 """Height of the lowest point over stature from which the body is off the floor."""
 
 ON_FLOOR = 0.15
-"""Height of the hips over stature of one who sits or lies on the floor; in the deepest squat they are at 0.17."""
+"""Height of the hips, over stature, below which a person sits or lies on the floor; in the deepest squat they are at 0.17."""
 
 SEATED_THIGH, SEATED_SPEED_MPS = 0.6, 0.25
-"""Greatest drop of the knee below the hip, over the thigh's length, of one who sits, and how slowly the hips move."""
+"""Greatest drop of the knees below the hips in sitting, over the thigh's length, and greatest speed of the hips."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -384,7 +384,7 @@ def upside_down_fraction(body: Tracks) -> float:
 
 
 def self_penetration_m(body: Tracks) -> np.ndarray:
-    """How deep limbs go into the trunk, the head or one another [m], (T,): capsules along the bones."""
+    """Depths (T,) [m] to which limbs go into the trunk, the head or one another, as capsules along the bones."""
     parts, pairs = _capsules(body)
     depth = np.zeros(len(body.joints))
     for one, other in pairs:

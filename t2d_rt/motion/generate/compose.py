@@ -182,7 +182,7 @@ class Composer:
 
 
 def maker_of(step: Step, store: Store) -> By:
-    """What makes a step; a user's clips of an action go before key poses."""
+    """The maker of a step; a user's clips of an action take precedence over key poses."""
     if step.action == "fall":
         return "physics"
     if step.type in GAIT_TYPES:

@@ -56,7 +56,7 @@ class MoMask:
 
     @classmethod
     def from_environment(cls) -> MoMask:
-        """The checkout that T2D_MOMASK names, run by the Python that T2D_MOMASK_PYTHON names; may raise an InputError."""
+        """The checkout that T2D_MOMASK names, run by the Python that T2D_MOMASK_PYTHON names; raises an InputError without it."""
         folder = os.environ.get(CHECKOUT_VARIABLE, "")
         if not folder:
             raise InputError(

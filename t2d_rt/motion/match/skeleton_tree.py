@@ -290,7 +290,7 @@ def _limbs(tree: Tree, stem: int, branch: int) -> list[Limb]:
 
 
 def _bones(tree: Tree, joints: list[int], branch: int) -> list[tuple[int, int, float, int]]:
-    """(upper, lower, length, joints left out) of all straight stretches between joints of a limb."""
+    """All straight stretches between joints of a limb, each as (upper, lower, length, number of joints left out)."""
     away = np.median(np.linalg.norm(tree.positions[:, joints] - tree.positions[:, [branch]], axis=-1), axis=0)
     inside = {joint for joint, far in zip(joints, away, strict=True) if far <= COINCIDENT * tree.size}
     rows, root = [], inside | set(tree.above(branch))

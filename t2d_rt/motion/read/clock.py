@@ -141,7 +141,7 @@ def same_rate(rate_hz: float, other_hz: float) -> bool:
 
 
 def tidy(rate_hz: float, within: float = 5e-4) -> float:
-    """The nearest whole rate if the rate is this near to it, else the rate: files round times and steps, 1/120 s to .0083333."""
+    """The nearest whole number if the rate is within this part of it, else the rate: files round steps, 1/120 s to .0083333."""
     return float(round(rate_hz)) if abs(rate_hz - round(rate_hz)) < within * rate_hz else rate_hz
 
 

@@ -223,7 +223,7 @@ def to_z_up(
     up: Up | tuple[float, float, float],
     unit_m: float,
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Positions in metres and orientations, z up: a proper rotation makes (z, x, y) of y up; a vector is like its nearest axis."""
+    """Positions in metres and orientations, z up, by a proper rotation: y up becomes (z, x, y), a vector as its nearest axis."""
     z = _along(up) if isinstance(up, str) else vectors.unit(np.asarray(up, dtype=float))
     x = np.eye(3)[(int(np.argmax(np.abs(z))) + 1) % 3]
     x = vectors.unit(x - (x @ z) * z)

@@ -117,7 +117,7 @@ def limb_lengths(points: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def unlikeness(points: Mapping[str, np.ndarray]) -> float:
-    """How much limbs of points (T, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
+    """Score of how limbs of points (T, 3) vary in length, differ left and right, and miss the ratio of legs to arms; 0 is best."""
     lengths = limb_lengths(points)
     lengths = lengths[..., np.isfinite(lengths).all(axis=(0, 1))]  # frames in which all are seen
     if not lengths.shape[-1]:

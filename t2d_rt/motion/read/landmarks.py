@@ -86,7 +86,7 @@ def _take(words: Iterator[bytes], count: int) -> np.ndarray:
 
 
 def read_json(tree: Any, path: Path) -> Arrays:
-    """Joints (T, P, K, 3 or 4) of a JSON tree of frames, with the rate and the times that it states; may raise an InputError."""
+    """Joints (T, P, K, 3 or 4) of a JSON tree of frames, with rate and times that it states; raises an InputError for others."""
     top = tree if isinstance(tree, dict) else {}
     frames = next((top[name] for name in top if name.lower() in FRAME_LISTS and isinstance(top[name], list)), tree)
     if not isinstance(frames, list) or not 2 <= len(frames) <= MAX_FRAMES:

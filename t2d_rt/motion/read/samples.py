@@ -97,7 +97,7 @@ SHORTEST_S = 0.5
 """Pieces between longer gaps that are shorter than this hold no step [s]."""
 
 HELD = 1.5
-"""Ratio of the step out of a hold to those around it above which a sample is held, and no person stands still; one frame has 2."""
+"""Step out of a hold, over those around it, above which a tracker held its sample and nobody stood still; a single frame has 2."""
 
 RARE = 0.1
 """Greatest part of the time for which a joint that can be filled may be lost in long gaps; beyond it, it is filled throughout. Only

@@ -17,11 +17,11 @@ class Times:
     values: np.ndarray
     """Times (T,) in the unit `unit_s`."""
     name: str
-    """What the file calls them."""
+    """Name of the times in the file."""
     unit_s: float | None
     """The unit [s]; None if the file does not tell it."""
     rate_name: str = "its rate"
-    """What the file calls the rate that it states."""
+    """Name of the stated rate in the file."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,14 +40,14 @@ class Tracks:
     """Joints of one person by canonical name, in the file's own unit and axes until `passes` has found them."""
 
     form: str
-    """What the file was read as."""
+    """Name of the format that the file was read as."""
     points: dict[str, np.ndarray]
     """Positions (T, 3) by canonical name, NaN where missing; it has the limbs' joints at least."""
     rate_hz: float
     turned: dict[str, np.ndarray] = field(default_factory=dict)
     """Global orientations x, y, z, w (T, 4) of the same joints; empty where the file holds positions alone."""
     times: Times | None = None
-    """When the frames were taken, where the file says so."""
+    """The times at which the frames were taken, if the file tells them."""
     start_s: float = 0.0
     """Time on the file's clock of the first frame that is kept [s]."""
     rate_assumed: bool = False
@@ -64,7 +64,7 @@ class Tracks:
     """The skeleton of a BVH or GLB file; None of other formats."""
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return len(next(iter(self.points.values())))
 
     @property

@@ -36,8 +36,8 @@ SMOOTH_M = 0.03
 motions it is 0.042 at most (99th percentile)."""
 
 DEEP_M, HOVERS_S, SLIDES_M = 0.07, 0.12, 0.07
-"""How deep limbs may go into one another from a seam on, how much longer than a flight the body may be off the floor, and how far a
-planted foot may slide: in recorded motions these are 0.081 m, 0.18 s and 0.089 m at most."""
+"""Greatest depth of limbs in one another from a seam on, time off the floor beyond that of a flight, and slide of a planted foot:
+in recorded motions these are 0.081 m, 0.18 s and 0.089 m at most."""
 
 SEAM_S = 0.6
 """Time in which a difference between phrases dies out."""

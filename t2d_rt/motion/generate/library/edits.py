@@ -243,7 +243,7 @@ and if it lengthens the whole by this time: a clip that hardly holds a stride is
 
 @dataclass(frozen=True, slots=True)
 class Seam:
-    """Where a gait goes on in another piece: frame `cut` of the whole is like frame `start` of the piece."""
+    """A seam at which a gait goes on in another piece: frame `cut` of the whole is like frame `start` of the piece."""
 
     whole: Piece
     following: Piece

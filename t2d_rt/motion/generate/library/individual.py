@@ -189,7 +189,7 @@ def _legs_m(offsets: np.ndarray) -> np.floating[Any]:
     return -np.mean([sum(offsets[INDEX[name], 2] for name in chain) for chain in chains])
 
 
-# --- the maker of pieces from clips, and quiet standing, which every move uses ---
+# --- the maker of pieces from clips, and quiet standing, which other moves use ---
 
 
 @dataclass(frozen=True, slots=True)

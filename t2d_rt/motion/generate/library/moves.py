@@ -28,7 +28,7 @@ from t2d_rt.motion.vary.arcs import MOST_TWIST_RAD
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What a manner changes."""
+    """The changes that a manner or a person's style makes to a piece."""
 
     tempo: float = 1.0
     stride: float = 1.0

@@ -81,7 +81,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where a clip comes from."""
+    """The origin of a clip."""
 
     file: str
     licence: str

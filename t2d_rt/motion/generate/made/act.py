@@ -32,7 +32,7 @@ CHANNELS: tuple[str, ...] = (
 """The channels that an act moves.
 
 Middle of the hips: x, y, z [m], of which x and y count as far as `balanced` is below 1; centre of mass: com_x, com_y [m], as far
-as it is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the
+as that is above 0. Pelvis [rad]: yaw, pitch (forward), roll (to the left), then spin about the body's long axis. Spine, against the
 pelvis: flex (forward), side and twist (to the left). Head: gaze (down, in space), look (to the left, against the chest), tilt.
 Each foot: x, y, z [m] of its pivot over where it stands flat, yaw, tip (heel up), pivot (1 the ball, 0 the heel), splay of its
 knee, and loose: 1 where it lies about, so that it goes with the shank, and x, y, z are the ankle's. Each shoulder's shrug. Ground:
@@ -88,7 +88,7 @@ class Grasp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """Where in the room an action is written down: its x is ahead of the person, its floor is where the person stands."""
+    """The frame in the room in which an action is written down: x is ahead of the person, whose floor is at `floor_m`."""
 
     x_m: float = 0.0
     y_m: float = 0.0
@@ -133,7 +133,7 @@ class Habits:
     """Half the distance of the feet [m]."""
     toe_out: float
     ahead: float
-    """How far the left foot stands ahead, over stature."""
+    """Distance by which the left foot stands ahead, over stature."""
     lean: float
     """Place of the centre of mass over the foot: 0 at the ankle, 1 at the ball."""
 

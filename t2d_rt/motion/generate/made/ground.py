@@ -18,7 +18,7 @@ HEEL = 0.026
 
 
 def onto_bed(act: Act) -> None:
-    """From the edge of a bed: the trunk goes down to a side over the hand while the legs come up, the body turns along the bed."""
+    """Lie down from a bed's edge: the trunk goes down sideways over the hand, the legs come up, the body turns along the bed."""
     body = act.anatomy
     head = "left" if act.chance(0.5) else "right"
     sign = SIGN[head]
@@ -217,7 +217,7 @@ def lie_down(act: Act, step: Step) -> None:
 
 
 def _recline(act: Act) -> None:
-    """From sitting on the floor the trunk goes down behind the hips, the spine rounded so that it unrolls; legs go out."""
+    """Lie down from sitting on the floor: the trunk goes down behind the hips, with a rounded spine that unrolls; legs extend."""
     body = act.anatomy
     down_s = act.u(1.7, 2.3)
     x, y = act.at("hips")
@@ -347,7 +347,7 @@ def _feet_flat(act: Act, after_s: float, duration_s: float) -> None:
 
 
 def _up_from_floor(act: Act) -> None:
-    """From sitting on the floor: hands push behind, the trunk swings forward over the feet into a squat, then up."""
+    """Stand up from the floor: hands push behind, the trunk swings forward over the feet into a squat, and then the body rises."""
     body = act.anatomy
     x, _ = act.at("hips")
     if act.values["left_loose"] > 0.5 or act.at("left")[0] - x > 0.7 * body.leg_m:  # legs lie ahead, or crossed

@@ -112,7 +112,7 @@ class Renderer:
     values: Mapping[str, np.ndarray]
     """Channels (T,) by name."""
     arms: Mapping[str, Arm]
-    """What each arm does."""
+    """The movement of each arm, by side."""
     rate_hz: float
     """Frame rate of the poses if they follow one another in time, else 0."""
 

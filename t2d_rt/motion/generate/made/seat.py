@@ -199,7 +199,7 @@ def _push(act: Act, step: Step, first_s: float) -> None:
 
 
 def _support(act: Act, step: Step, seat_m: float) -> dict[str, Goal]:
-    """What the hands hold while sitting down: armrests, the own knees, or nothing."""
+    """Goals of hands that hold something while sitting down: armrests or the own knees; empty if they hold nothing."""
     odds = [0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.35, 0.25, 0.25, 0.15]
     if step.object == "stair":
         return {}

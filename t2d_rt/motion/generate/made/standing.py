@@ -51,7 +51,7 @@ def _repeat(act: Act, step: Step, once: Callable[[Act, Step], None]) -> None:
 
 
 def bend_down(act: Act, step: Step) -> None:
-    """Forward and down until the hand is where it should be; lumbar spine first, hips after (Esola 1996), 2 to 4 s in all."""
+    """Bend forward and down until the hand is at its goal, the lumbar spine first, the hips after (Esola 1996), in 2 to 4 s."""
     side = step.side or act.side()
     touch = step.body_part == "foot" or step.object == "floor" or step.direction == "down"
     if step.body_part in ("arm", "hand") and step.object is None:
@@ -95,7 +95,7 @@ def bend_down(act: Act, step: Step) -> None:
 
 
 def _bend_arms_out(act: Act, step: Step) -> None:
-    """Forward from the hips with one or both arms held out, ahead or to the sides."""
+    """Bend forward from the hips with one or both arms held out, ahead or to the sides."""
     down_s, up_s = act.u(0.9, 1.2), act.u(0.9, 1.2)
     lean = act.u(50, 80)
     act.move(0.0, 0.9 * down_s, flex=0.4 * lean * DEG, gaze=act.u(30, 50) * DEG)
@@ -111,7 +111,7 @@ def _bend_arms_out(act: Act, step: Step) -> None:
 
 
 def _low_goals(act: Act, step: Step, side: str, *, both: bool, picks: bool) -> dict[str, Goal]:
-    """Where the hands go: a thing ahead of the feet, floor, feet, shins or knees."""
+    """Goals of the hands by side: a thing ahead of the feet, floor, feet, shins or knees."""
     sides = SIDES if both else (side,)
     goals: dict[str, Goal] = {}
     ahead, aside = act.u(0.12, 0.42), act.u(-0.06, 0.20)
@@ -172,7 +172,7 @@ def squat_m(act: Act, knees_rad: float) -> float:
 
 
 def _bend_aside(act: Act, step: Step) -> None:
-    """To a side: the hand slides down the thigh, hips go the other way; the other arm hangs, rests on the hip or goes overhead."""
+    """Bend to a side: a hand slides down the thigh, the hips go the other way; the other arm hangs, rests or goes overhead."""
     lean = step.direction or "left"
     sign = SIGN[lean]
     down_s, up_s = act.u(0.8, 1.15), act.u(0.8, 1.15)
@@ -196,7 +196,7 @@ def _bend_aside(act: Act, step: Step) -> None:
 
 
 def bend_back(act: Act, step: Step) -> None:
-    """Backward: hips forward, hands on the hips, knees give a little; the spine extends by 30 to 40 degrees (Kapandji)."""
+    """Bend backward: hips go forward, hands mostly to the hips, knees give; the spine extends by 30 to 40 degrees (Kapandji)."""
     down_s, up_s = act.u(0.9, 1.3), act.u(0.9, 1.2)
     act.move(0.0, down_s, flex=-act.u(30, 40) * DEG, pitch=-act.u(14, 20) * DEG)
     act.move(0.15, down_s, gaze=-act.u(25, 45) * DEG)
@@ -211,7 +211,7 @@ def bend_back(act: Act, step: Step) -> None:
 
 
 def _bend_knees(act: Act, step: Step) -> None:
-    """Both knees: a shallow squat."""
+    """Bend both knees in a shallow squat."""
     _down_and_up(act, act.u(74, 96) * DEG, act.u(20, 32), hold_s=act.u(0.1, 0.4))
 
 
