@@ -39,7 +39,7 @@ def dataset(
     files: the recipe, by name or as a file (.yaml); or show RECIPE INDEX, list, or one of check, summary, split and export with a
         folder.
     output: folder of the data set; one of the same recipe is completed. Of summary, split and export what they write.
-    limit: number of samples to make, the first ones, which are balanced over the classes.
+    limit: number of samples to make, from the first on; they are balanced over the classes.
     workers: processes of this machine; by default one for each core.
     scheduler: a cluster of dask.distributed: local:N processes, or an address as tcp://host:8786.
     threads: threads of each worker; by default they share the cores out.

@@ -146,8 +146,8 @@ FEWEST_LOOPS = 8
 
 
 def _one_of_each_burst(recording: Recording) -> Recording:
-    """The recording itself, or, if its bursts are too short for a Doppler axis, one of their means, whose axis is that of the
-    bursts' rate."""
+    """The recording itself, or, if its bursts are too short for a Doppler axis, a recording of the bursts' means, whose axis is
+    that of the bursts' rate."""
     from t2d_rt.recording.recording import Recording as Made
     from t2d_rt.signal.vital import slow_time
 

@@ -117,7 +117,7 @@ def _values(varied: dict[str, list[str]], vary: list[str], given: dict[str, Any]
 
 
 def first_of(name: str, text: str, varied: dict[str, list[str]]) -> str:
-    """The first value, but not "none" if there is another, of an option that may have several, which are noted in `varied`."""
+    """The first value of an option, other than "none" if there is such a one; several values are noted in `varied`."""
     values = entries(text) if name.startswith("add ") else alternatives(text)
     if len(values) > 1:
         varied[name] = values

@@ -44,7 +44,7 @@ def static_paths(
     scene: Scene, radar: Radar, *, order: int, backend: Backend, samples_s: np.ndarray | None = None
 ) -> tuple[StaticPath, ...]:
     """Specular paths over 1 to `order` mirrors; the line of sight between the antennas is leakage, not clutter. For a radar that
-    moves these are all paths that exist at any of the sample times (S,) [s], and without these a ValueError is raised.
+    moves these are all paths that exist at any of the sample times (S,) [s]; without sample times a ValueError is raised.
 
     The paths of the last scenes and radars are kept: the search takes a second in a furnished room.
     """
@@ -109,7 +109,7 @@ def _path(path: OneWayPath, receivers: np.ndarray, across: np.ndarray, times_s: 
 
 
 def existing_over(paths: Sequence[StaticPath], samples_s: np.ndarray, unoccluded: Fraction | None) -> Fraction:
-    """Fraction of each of a moving radar's paths that exists, found at times (S,) [s] and faded in between, and is not occluded."""
+    """Which of a moving radar's paths exist, found at times (S,) [s] and faded in between, times the fractions `unoccluded`."""
     sampled = np.stack([path.fraction for path in paths if path.fraction is not None], axis=1)
     return partial(_existing, sampled, samples_s, unoccluded)
 
@@ -220,7 +220,7 @@ class Shadows:
         return self._known[numbers]
 
     def traced(self, times_s: np.ndarray) -> np.ndarray:
-        """Fractions, float32 (K, P), traced at these times (K,) [s], which may be as many as the instants in one scene."""
+        """Fractions at just these times (K,) [s], at most as many as one scene holds, float32 (K, P)."""
         vertices = np.concatenate([vertices_at(times_s) for vertices_at in self._vertices_at], axis=1)
         ends = self._standing
         if callable(self._paths_m):

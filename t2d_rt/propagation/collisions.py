@@ -83,8 +83,8 @@ def checked_time(
 ) -> tuple[float, float]:
     """First and last instant of the record [s]: all of it, or up to where a target goes through something.
 
-    `outside` tells whether the radar may stand, and a target may start, outside the room. Raises InputError with "stop" where the
-    radar itself collides or too little of the record is left.
+    `outside` tells whether the radar may stand, and a target may start, outside the room. With "stop" an InputError is raised if
+    the radar itself collides or stands outside, or if too little of the record is left.
     """
     if collisions == "ignore":
         return time_s
@@ -275,7 +275,7 @@ def middles(target: Tested, times_s: np.ndarray) -> np.ndarray:
 
 
 def _posed(mesh: MovingMesh, times_s: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Yields some of the times (K,) [s] after others, and the vertices (K, V, 3) [m] of a mesh at these."""
+    """Yields blocks of the times, (K,) [s] each, and the vertices (K, V, 3) [m] of a mesh at these."""
     step = max(1, min(INSTANTS_AT_ONCE, VERTICES_AT_ONCE // len(mesh.rest)))
     for first in range(0, len(times_s), step):
         some_s = times_s[first : first + step]
@@ -297,7 +297,7 @@ def first_crossing(
     mirrors: Mirrors, lines_m: np.ndarray, times_s: np.ndarray, least_upright: float
 ) -> tuple[float, np.ndarray, str] | None:
     """Time [s], place (3,) [m] and surface name where any of lines from point to point (L, N, 3) [m], whose times are (L, N) [s],
-    first goes through a surface whose normal is that upright; None where none does."""
+    first goes through a surface whose unit normal is at least `least_upright` along z; None where none does."""
     line, point = np.nonzero(~mirrors.free(lines_m[:, :-1], lines_m[:, 1:]))
     if not len(line):
         return None

@@ -40,8 +40,8 @@ TILT_RAD = 1e-6 * np.array([0.51, 0.67, 0.54])
 """Rays are rotated by this angle [rad], some ten steps of single precision, so that none meets an outline where two of its pieces
 join (except along this direction, which stays)."""
 TILTED_M = 100.0
-"""Distance [m] up to which they are. Farther rays are shifted by as much as one so long, because the zone does not widen with the
-distance; directions relative to their mean are the finer there."""
+"""Length [m] up to which rays are rotated by that angle. The ends of longer ones are shifted as far as at this length, because the
+zone does not widen with the distance; directions relative to their mean are finer there."""
 NARROW_ZONE_M = 0.02
 """Radius [m] of the first zone, projected to the points, up to which edges are hard; from twice of it their waves count in full.
 Close behind an edge, as that of a thing carried, they ripple more finely than the points lie at which visibility is asked."""

@@ -18,7 +18,7 @@ from t2d_rt.types.material import known_itu, short_name
 
 def itu_material(name: str, frequency_hz: float) -> Material:
     """A smooth ITU material at one frequency (ITU-R P.2040-3, section 2.1.4); "itu_concrete" is "concrete". Raises InputError if
-    the table does not have it."""
+    there are no values for it."""
     if not 0 < frequency_hz < math.inf:
         raise InputError(f"frequency_hz must be positive and finite, got {frequency_hz}")
     itu = _sionna_table()

@@ -263,7 +263,7 @@ class Mirrors:
     def first(
         self, origin_m: np.ndarray, direction: np.ndarray, length_m: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Distance [m] along rays (..., 3) to the first mirror, infinite where none is within their length, and its number."""
+        """Distance [m] along rays (..., 3) to the first mirror, infinite if none is within their length, and its number, (...)."""
         return self.first_of_local(self.local(origin_m), direction, length_m)
 
     @one_thread_at_a_time

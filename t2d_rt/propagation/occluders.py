@@ -14,7 +14,7 @@ from t2d_rt.geometry.vectors import cross, dot, norms, vector_product
 from t2d_rt.types import MovingMesh
 
 FACES_PER_SCENE, MOST_COPIES = 250_000, 64
-"""Greatest number of faces in one ray tracer's scene, if it holds several instants, and of these instants."""
+"""Greatest number of faces in a ray tracer's scene of several instants, and greatest number of these instants."""
 MARK_M = 0.06
 """Distance [m] of the vertices at which blockage by the static scene is sampled: its shadows have soft edges."""
 

@@ -113,7 +113,7 @@ class Viewpoints:
         return int(np.clip(VISIBILITY_BYTES // max(1, of_one), 1, self.meshes.copies))
 
     def drop_but(self, chunks: range) -> None:
-        """Drops the chunks of all viewpoints but these: echoes may be summed in several parts, each from some of the viewpoints
+        """Drops all chunks but these, for all viewpoints: echoes may be summed in several parts, each from some of the viewpoints
         alone over the whole record. A viewpoint that asked for nothing since chunks were last dropped is out of use."""
         if any(number not in chunks for occlusion in self.occlusions for number in occlusion.chunks):
             for occlusion in self.occlusions:

@@ -64,8 +64,8 @@ def rough_echoes(
     seed: int,
     fractions: Fraction | None = None,
 ) -> StaticScatterer:
-    """One echo of random phase for each point (Q, 3) [m] with RCS (Q,) [m^2] at surface frames `times_s` (T,), times
-    `fractions`."""
+    """One echo of random phase for each point (Q, 3) [m] with RCS (Q,) [m^2] at surface frames `times_s` (T,) [s], times the
+    fraction of its field that targets do not occlude."""
     phase = 2 * math.pi * np.random.default_rng(seed).random(len(points_m))
     ranges = [np.linalg.norm(points_m - place, axis=1) for place in (radar.tx_position_m, radar.rx_position_m)]
     amplitude = radar.link_amplitude * np.sqrt(rcs_m2) / (ranges[0] * ranges[1]) * np.exp(1j * phase)

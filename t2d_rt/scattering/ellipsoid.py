@@ -46,8 +46,8 @@ def ellipsoid_echoes(
 
     "specular" takes phase, range and curvature from the point of shortest path, exact also in the near field; "centre" is the
     Text2Doppler paper's form: range of the centre, far-field RCS from the aspect of the long axis (its eq. 1). `views` give the
-    path pairs and the visibility of each ellipsoid over them, and `target` is their number among the targets. With `at_instants`
-    the frames are instants unrelated to one another.
+    path pairs and the visibility of each ellipsoid over them; `target` is the ellipsoids' number among the targets. With
+    `at_instants` the frames are instants unrelated to one another.
     """
     return EllipsoidScatterer(
         times_s=times_s,
@@ -114,7 +114,8 @@ class EllipsoidScatterer(Scatterer):
         )
         path = np.linalg.norm(tiled - tx, axis=-1) + np.linalg.norm(tiled - rx, axis=-1)
         field = np.zeros(path.shape)
-        # Between an antenna and an image the ellipsoid casts a shadow and reflects nothing: the echo fades out towards that line.
+        # Between an antenna and an image the ellipsoid casts a shadow and reflects nothing: it fades out towards that line, on
+        # which no echo is sought.
         aside = np.linalg.norm(unit(tx - tiled) + unit(rx - tiled), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))
@@ -181,10 +182,10 @@ def specular_points(
     """Points of shortest path tx - ellipsoid - rx [m] and outward normals there, each (..., 3), in world axes.
 
     Centres, semi-axes and antennas are (..., 3) [m]; `axes` (..., 3, 3) has the ellipsoid's unit axes as columns. At the point the
-    normal n bisects the directions to the antennas, and from the centre the point with normal n is D^2 n/|D n|, D the diagonal of
-    the semi-axes. It is found by Newton's method on the surface, where the Hessian is positive definite wherever both antennas see
-    the point, however flat the ellipsoid is. (To take the bisector as the next normal would diverge where the radius of curvature
-    exceeds the range.)
+    normal n bisects the directions to the antennas, and in the ellipsoid's axes the point with normal n is D^2 n/|D n|, D the
+    diagonal matrix of the semi-axes. It is found by Newton's method on the surface, where the Hessian is positive definite wherever
+    both antennas see the point, however flat the ellipsoid is. (To take the bisector as the next normal would diverge where the
+    radius of curvature exceeds the range.)
     """
     shape = centres.shape
     flat = np.reshape(axes, (-1, 3, 3))

@@ -126,7 +126,7 @@ class _Antennas(NamedTuple):
     places: list[Vector]
     """Places of the antennas relative to that centre [m]."""
     radians: Any
-    """Phase [rad] for a metre of path to one of these places, twice that of one antenna where a single place stands for both."""
+    """Phase [rad] for a metre of path to each of these places: k, or 2 k if a single place stands for both antennas."""
 
     @classmethod
     def of(cls, at: LaneReader, posed: FacetVertices, number: Any, pair: PairPlaces) -> _Antennas:
@@ -144,8 +144,8 @@ class _Antennas(NamedTuple):
 
 
 def _phase_integrals(at: LaneReader, posed: FacetVertices, patches: Patches, antennas: _Antennas) -> list[Any]:
-    """Sum over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and the derivative of w times it by the
-    relative frequency w (eq. 4), as real and imaginary parts without unit."""
+    """Sum I over each patch's facets of obliquity times phase integral over R^2 (eq. 3), and d(w I)/dw, w the relative frequency
+    (eq. 4), as real and imaginary parts without unit."""
     nodes_of, corners_of = at.table(patches.nodes), at.table(posed.corners)
 
     def add(facet: Any, total: list[Any]) -> tuple[Any, list[Any]]:

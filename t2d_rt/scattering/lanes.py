@@ -189,7 +189,7 @@ def lane_ops(dr: Any) -> Any:
 
 
 def triangle_normal(corners: list[Vector], at: LaneReader) -> tuple[Vector, Any]:
-    """Normal of a triangle whose length is twice the area, and that length, which is kept above zero."""
+    """Normal of a triangle, as long as twice its area, and that length, which is kept above zero."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return normal, at.dr.maximum(norm(normal), 1e-30)
 

@@ -51,7 +51,7 @@ FACING_RATE_HZ, FACING_AT_ONCE, FACING_MOST_HZ = 10.0, 20, 200.0
 """Rate [Hz] at which faces are tested for whether they ever face an image of an antenna, and how many instants at once; a target
 whose surface rate exceeds the last number [Hz] rotates too fast for that."""
 BEND_RAD = 0.2
-"""Angle [rad] by which facets may be tilted against the face they lie in more than at rest, where a joint bends."""
+"""Angle [rad] by which a joint that bends may tilt facets against the face they lie in, beyond their tilt at rest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +84,7 @@ def mesh_echoes(
     backend: Backend,
     target: int = 0,
 ) -> Scatterer:
-    """Echoes of `surface` at surface frames `times_s` (T,) [s], in each of `views` one for each patch that may face its antennas;
+    """Echoes of `surface` at surface frames `times_s` (T,) [s], one for each patch in each of `views` whose antennas it may face;
     `target` is its number among the targets. Raises InputError if it needs more than `detail.max_facets` facets."""
     pairs = [PairPlaces.of(radar, view.paths) for view in views]
     model = _Model.of(surface, radar, pairs, times_s, material, detail, seed, {view.subdivision for view in views})
@@ -313,7 +313,7 @@ class _Model:
     def selections(
         self, surface: MovingMesh, times_s: np.ndarray, pairs: Sequence[PairPlaces], views: Sequence[PathVisibility]
     ) -> Iterator[_Selection]:
-        """Each view with the patches that may ever face both of its antennas; in free space, with the only view, all of them."""
+        """Each view with the patches that may ever face both of its antennas; in free space there is one view, with all."""
         lit = np.zeros((len(pairs), len(self.cage_faces)), bool)
         if self.at_instants or (len(times_s) - 1) / (times_s[-1] - times_s[0]) > FACING_MOST_HZ:
             lit[:] = True
@@ -365,7 +365,7 @@ class _Model:
         return np.ones(len(self.cage_faces), bool) if self.at_instants else posed.facing.lit(pair, self.tilt_rad)
 
     def _lit(self, faces: np.ndarray, seen: SampledVisibility, mesh: VisibilityMesh) -> np.ndarray:
-        """Which patches hold visible facets of the cage faces `faces`, bool (F,): bool (G,)."""
+        """Which patches, bool (G,), hold visible facets of the cage faces `faces`, bool (F,)."""
         if seen.visibility:
             somewhere = np.logical_and.reduce([visibility > 0 for visibility in seen.visibility.values()]).any(axis=0)
             faces = faces & self._with_neighbours(mesh, np.asarray(somewhere))
@@ -410,7 +410,7 @@ class _Selection:
         return [replace(self, patches=piece) for piece in np.split(self.patches, range(most, len(self.patches), most))]
 
     def with_ends(self, radar: Radar, echoes: EchoArrays, times_s: np.ndarray, places: np.ndarray) -> EchoArrays:
-        """The view's own among all echoes at times (T,) [s], as antennas see them from the places (T, G, 3) [m] of all patches."""
+        """The view's own among all echoes at times (T,) [s], as antennas see them, with the places (T, G, 3) [m] of all patches."""
         columns = slice(self.first, self.first + len(self.patches))
         own = echoes._replace(**{name: getattr(echoes, name)[:, columns] for name in ("delay_s", "amplitude", "slope")})
         places = places[:, self.patches]

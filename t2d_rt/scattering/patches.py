@@ -48,9 +48,9 @@ class PairPlaces:
     """The places that a target is seen from, over one path pair."""
 
     places_m: list[np.ndarray]
-    """Places [m] of transmitter and receiver or of their images, (3,), or (T, 3) if these move; one place if both are there."""
+    """Places [m] of transmitter and receiver or of their images, (3,), or (T, 3) if these move; a single one if both coincide."""
     views_m: list[np.ndarray]
-    """Places [m] for the form of the echoes, but not for their delays: a single one if both are close together (`one_view`)."""
+    """Places [m] for the echoes' amplitudes, but not for their delays: a single one if both are close together (`one_view`)."""
     frequency_hz: float
     """Frequency at mid-sweep."""
     link_amplitude: float

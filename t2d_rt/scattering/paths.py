@@ -18,7 +18,7 @@ from t2d_rt.types.path_fields import SweepNodes, fields_over
 from t2d_rt.types.scatterer import Fraction, FrameBlock
 
 ANCHORS, APART_M = 150, 0.04
-"""Greatest number of anchors, where coefficients are found, and distance [m] to the nearest one below which no more are taken."""
+"""Greatest number of anchors, where coefficients are found; there are fewer if all vertices are within the second [m] of one."""
 NODE_RATE_HZ = 20.0
 """Approximate rate [Hz] at which a path's field is worked out at the anchors, linear in between: reflection and pattern change by
 little while a limb moves by some 10 cm. In a furnished room that errs by -37 dB over the worst pair, and by -58 dB over the median
@@ -184,7 +184,7 @@ class ArrivingFields:
         return np.asarray(self.copies[selection].reshape(-1, *[1] * (double.ndim - 1)) * factor)
 
     def weights(self) -> tuple[np.ndarray, np.ndarray]:
-        """That factor at mid-sweep and its slope over frequency [1/Hz] (eq. 24a), for all pairs, complex (N, ...)."""
+        """Value at mid-sweep and slope [1/Hz] of the line over frequency nearest to that factor (eq. 24a), complex (N, ...)."""
         points = math.prod(self.ends[0].towards.shape[2:])
         parts = blocks(np.arange(len(self.copies)), len(self.nodes.frequencies_hz) * points)
         weight, slope = zip(*(self.nodes.line(self.spectra(part)) for part in parts), strict=True)
@@ -227,8 +227,8 @@ def unfolded(
     departure_m: np.ndarray,
     arrival_m: np.ndarray | None = None,
 ) -> EchoArrays:
-    """Echoes of an array with apparent positions (T, N, 3) [m] at times (T,) [s], from the positions that the antennas' images see;
-    without `arrival_m` those of the receivers see what those of the transmitters see. Other echoes are returned as they are."""
+    """For an array, echoes with apparent positions (T, N, 3) [m] at times (T,) [s], from the positions that the antennas' images
+    see; without `arrival_m` the receivers' images see what the transmitters' do. Otherwise the echoes as they are."""
     if not radar.is_array:
         return echoes
     departure = paths.out.unfolded(departure_m, times_s).astype(np.float32)

@@ -54,10 +54,10 @@ small, which a body's own movements may hide."""
 ROUNDED = 1e-6
 """Relative error of a rate that is worked out from times."""
 STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
-"""Between these frequencies [Hz] all motion is resolved that goes on in each piece, of the second length [s], of a record: steps on
-the floor pass, a vibration goes on, hidden or not. Records shorter than the last length [s] do not tell its frequency."""
+"""Between the first two [Hz] all motion is resolved that goes on in each piece of a record, as long as the second value [s]: steps
+on the floor pass, a vibration goes on, hidden or not. Records shorter than the third [s] do not tell its frequency."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
-"""Rate [Hz] at which motion is sampled, unless the record is shorter than a short record; factor on it for faster motion."""
+"""Rate [Hz] at which motion is sampled, higher for a record of fewer than `PROBE_FRAMES`; factor on it for faster motion."""
 PROBE_FRAMES = 12
 """Number of frames of one short record; five make a fourth difference."""
 RECORDS_PER_S, LEAST_RECORDS, MOST_RECORDS = 3, 4, 20
@@ -227,7 +227,7 @@ class SurfaceRate:
 
     def _missed_db(self, rate_hz: float) -> np.ndarray:
         """Energy (2,) [dB of a radian squared] of what splines of frames at that rate miss of the phases of the stand-in: the mean
-        over its points, and that of the quieter ones, of which a quarter misses less."""
+        over its points, and the value below which the `QUIET` fraction of them lies."""
         if rate_hz not in self._missed:
             total, count = np.zeros(1), 0
             for times_s, phases, curve in self._probed(rate_hz):
@@ -316,7 +316,7 @@ def _path_lengths(geometry: MovingMesh | Ellipsoids, radar: Radar, *, specular: 
 def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE_HZ[1]) -> float:
     """Frequency [Hz] of the fastest vibration that stands as a line in the spectrum of phases (K, V) [rad], 0 without any.
 
-    It is sought in the mean spectrum of the points and in that of the quieter ones, below which a quarter of them lie.
+    It is sought in the mean spectrum of the points, and in the spectrum below which the `QUIET` fraction of them lies.
     """
     frequency_hz, spectra = _spectra(phases, rate_hz, np.hanning(len(phases))[1:-1])
     step_hz = frequency_hz[1]
@@ -339,8 +339,8 @@ def fastest_line_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = LINE
 def fastest_steady_hz(phases: np.ndarray, rate_hz: float, highest_hz: float = STEADY_HZ[1]) -> float:
     """Highest frequency [Hz] at which one of phases (K, V) [rad] has energy that goes on all the time, 0 without any.
 
-    It needs the energy of a vibration that counts, `LEAST_LINE_DB`: no spectrum tells it from a walk's own movements. The window's
-    side lobes lie at -92 dB, so that the swings of arms and legs leak less than that.
+    It needs the energy of a vibration that counts, `LEAST_LINE_DB`: no spectrum tells it from a walk's own movements. What
+    leaks from the swings of arms and legs is less than that energy, as the window's side lobes lie at -92 dB.
     """
     count = min(len(phases), round(STEADY_S * rate_hz))
     window = blackmanharris(count - 2, sym=False)

@@ -223,7 +223,7 @@ def reflected(instant: Instant, front: Front) -> Front:
 
 
 def _led(instant: Instant, front: Front, met: _Met, tubes: np.ndarray, corner: int) -> Front:
-    """Thirds of some tubes, by their numbers, for which one corner stands, on the plane that touches the surface which it meets."""
+    """The thirds of some tubes, by number, that one corner stands for, on the plane that touches the surface which it meets."""
     triangles = front.triangles[tubes]
     base = triangles[:, corner]
     start, direction = front.place[triangles], met.direction[triangles]

@@ -202,7 +202,7 @@ class Frames:
         return path_lengths(self.track, frames, self.facets[faces], coordinates, sense, ends)
 
     def places(self, groups: Groups, end: np.ndarray) -> np.ndarray:
-        """Places [m] where the carriers of groups meet a surface at their bounce number `end` (G,), at all frames, (T, G, 3)."""
+        """Places [m] where the carriers of groups meet a surface at bounce `end` (G,), counted from 0, at all frames, (T, G, 3)."""
         numbers = np.arange(len(groups))
         corners = self.facets[groups.faces[numbers, end]]
         return np.stack([carried_along(vertex[corners], groups.coordinates[numbers, end]) for vertex in self.vertices])
@@ -316,8 +316,8 @@ def tube_fields(
     wavenumber: float,
     backend: Backend,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Integral of amplitude times exp(j phase) over tubes at some frames, without their carriers' phases, and the derivative of w
-    times it by the relative frequency w (eq. 4, 30): complex64 (M, K).
+    """Integral I of amplitude times exp(j phase) over tubes at some frames, without their carriers' phases, and d(w I)/dw, w the
+    relative frequency (eq. 4, 30): complex64 (M, K).
 
     `nodes` (M, 6), or (M, 3) where the phase is linear, are paths, and `carrier` (M,) the tubes' carriers; `amplitude` (M, 3) is
     that at the corners, and `wavenumber` is in rad/m.
