@@ -73,6 +73,25 @@ def test_line_through_shared_edges_hits_once() -> None:
     assert len(points.face) == 128 * 128
 
 
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("folded", [False, True])
+def test_a_line_through_an_edge_meets_one_of_two_faces_that_go_on_and_both_or_none_of_a_fold(
+    seed: int, folded: bool
+) -> None:
+    """The edge runs through the line of one cell, upright in half of the cases, and the faces are much smaller than the cell."""
+    rng, cell = np.random.default_rng(seed), (3, -2)
+    line = [place + hash_uniform(seed, 2, *cell, number) for number, place in enumerate(cell)]
+    along, aside = rng.uniform(-1e-6, 1e-6, (2, 2)) * (rng.random(2) < 0.5)[:, None] + [[0, 1e-5], [1e-5, 0]]
+    corners = np.array([line - along, line + along, line - aside, line + (-0.7 if folded else 1) * aside])
+    vertices = np.column_stack([corners, [0.1, 0.1, 0.2, 0.3]])
+    counts = {
+        len(surface_points(vertices, np.array([first, second]), seed=seed, spacing_m=1.0).face)
+        for first in ((0, 1, 2), (1, 0, 2), (2, 0, 1))
+        for second in ((0, 1, 3), (1, 3, 0), (3, 1, 0))
+    }
+    assert counts in ([{0}, {2}] if folded else [{1}])
+
+
 def test_points_are_uniform_and_phases_uncorrelated() -> None:
     vertices, faces = icosphere(4, 1.0)
     a, b = (surface_points(vertices, faces, seed=seed, spacing_m=2**-6) for seed in (0, 1))
