@@ -306,7 +306,7 @@ def _near(part: Straight, mine: np.ndarray, others: np.ndarray, wavelength_m: fl
     axis = unit(centres[1] - centres[0])
     ends = [inner(directions[0], axis).max(axis=1), -inner(directions[1], axis).min(axis=1)]
     gap = -sum(np.maximum(end, end / np.maximum(cosine, 1e-9)) for end, cosine in zip(ends, cosines, strict=True))
-    return np.asarray((np.minimum(*cosines) <= 0) | ((reach > 0) & (gap < reach)))
+    return np.asarray((reach > 0) & (gap < reach))
 
 
 def _pieces(

@@ -270,6 +270,9 @@ def test_boxes_beside_one_another_are_told_apart() -> None:
     )
     assert _near(part, np.stack(3 * [ball]), np.stack([beside, behind, beyond]), WAVELENGTH_M).tolist() == 3 * [False]
     assert _near(part, beyond[None], ball[None], WAVELENGTH_M).all()
+    around_the_antenna = corners_of(HERE - 0.1, HERE + 0.1)[None]
+    assert not _near(part, around_the_antenna, ball[None], WAVELENGTH_M).any()
+    assert _near(part, ball[None], around_the_antenna, WAVELENGTH_M).all()
 
 
 def test_a_wide_plate_reaches_farther_between_its_corners_than_these() -> None:
