@@ -35,13 +35,18 @@ PLAIN_TYPES = {
     "<class 'int'>": "a whole number",
     "<class 'bool'>": "true or false",
     "<class 'str'>": "a text",
-    "<class 'tuple'>": "a list such as [1, 2.5]",
     "<class 'collections.abc.Sequence'>": "a list such as [1, -2, 1]",
     "<class 'list'>": "a list such as [fan:2,1,1, pet:3,0,0]",
     "<class 'dict'>": "a mapping such as {kind: fan, position_m: [2, 1, 1]}",
     "<class 'NoneType'>": "null",
 }
 """Plain words for the types that the parser names."""
+TUPLES = {
+    "tuple[tuple[": "a list of positions such as [[0, 0, 0], [0, 0.002, 0]]",
+    "tuple[float, float, float]": "a list of 3 numbers",
+    "tuple[float, float]": "a list of 2 numbers",
+}
+"""Plain words for an option that the parser calls just a tuple, by a part of the option's type."""
 
 
 class Command:
@@ -122,7 +127,9 @@ class Command:
             words = self.words(arguments, varied)
             options = self.parser.parse_args(words)
         except ArgumentError as error:
-            raise InputError(one_sentence(str(error), self.name, self.parser._option_string_actions)) from None
+            raise InputError(
+                one_sentence(str(error), self.name, self.parser._option_string_actions, self.hints)
+            ) from None
         except OverflowError:  # an integer that no float holds
             advice = f"an option of {self.name} got a number of more than 300 digits; give it in SI units, as in 77e9"
             raise InputError(advice) from None
@@ -298,8 +305,8 @@ def bounded_yaml(text: str) -> Any:
     return get_loader("yaml")(text)
 
 
-def one_sentence(message: str, command: str, options: Collection[str] = ()) -> str:
-    """What the parser found wrong, in one plain sentence."""
+def one_sentence(message: str, command: str, options: Collection[str] = (), hints: Given | None = None) -> str:
+    """What the parser found wrong, in one plain sentence; `hints` are the types of the options."""
     help_command = f"t2d-rt {command} --help"
     key_match = re.match(r'Parser key "(.+?)":', message)
     value_match = re.search(r"(?:Got|Given) value: (.*)", message, flags=re.DOTALL)
@@ -310,7 +317,8 @@ def one_sentence(message: str, command: str, options: Collection[str] = ()) -> s
         )
     if key_match and value_match:
         kinds = re.findall(r"Expected an? (.+?)(?:\. Got value|\n|$)", message)
-        expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind))
+        hint = str((hints or {}).get(key_match[1]))
+        expected = dict.fromkeys(word for kind in kinds for word in _plain_type(kind, hint))
         return f"option {key_match[1]} must be {' or '.join(expected)}, got '{_one_line(value_match[1], 100)}'; see {help_command}"
     if "are required: file" in message:
         return f"no file given; name one, as in the examples of {help_command}"
@@ -323,10 +331,12 @@ def one_sentence(message: str, command: str, options: Collection[str] = ()) -> s
     return f"{_one_line(message, 300)}; see {help_command}"
 
 
-def _plain_type(kind: str) -> list[str]:
-    """Plain words for a type that the parser names: one text, or each of the values that it allows."""
+def _plain_type(kind: str, hint: str) -> list[str]:
+    """Plain words for a type that the parser names, of an option of type `hint`: one text, or each of the values that it allows."""
     if kind.startswith("typing.Literal"):
         return re.findall(r"'([^']*)'", kind)
+    if kind == "<class 'tuple'>":
+        return [words for form, words in TUPLES.items() if form in hint][:1]
     count = re.match(r"tuple with (\d+) elements", kind)
     return [f"a list of {count[1]} numbers" if count else PLAIN_TYPES.get(kind, kind)]
 

@@ -121,7 +121,11 @@ def test_files_that_are_not_motions(refused: Callable[..., str]) -> None:
         ("--motion.smooth-hz soft", "option motion.smooth_hz must be a number or auto or null, got 'soft'"),
         (
             "--motion.up w",
-            "option motion.up must be x or y or z or -x or -y or -z or file or a list such as [1, 2.5] or null, got 'w'",
+            "option motion.up must be x or y or z or -x or -y or -z or file or a list of 3 numbers or null, got 'w'",
+        ),
+        (
+            "--radar.tx-offsets-m [0,0.002,0]",
+            "option radar.tx_offsets_m must be a list of positions such as [[0, 0, 0], [0, 0.002, 0]], got '0'",
         ),
         ("--signal.n-window 50000", "shorter than the STFT window of 50000"),
         ("--signal.range-gate-m [90,100]", "range gate 90..100 m holds no range bin"),
