@@ -31,7 +31,7 @@ class Material:
         text("name of a material", self.name)
         noun, permittivity = f"material {self.name}", self.relative_permittivity
         if not (isinstance(permittivity, (float, np.floating)) and permittivity == math.inf):
-            number(f"{noun}: relative_permittivity", permittivity, 1, hint="math.inf for a perfect conductor")
+            number(f"{noun}: relative_permittivity", permittivity, 1, hint="only a perfect conductor has math.inf")
         number(f"{noun}: conductivity_s_per_m", self.conductivity_s_per_m, 0, hint="0 has no losses")
         number(f"{noun}: scattering_coefficient", self.scattering_coefficient, 0, 1, hint="0 is smooth")
 
