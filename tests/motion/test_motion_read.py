@@ -323,13 +323,13 @@ def test_motion_from_joints_finds_rigid_bones() -> None:
 
 
 def test_motion_from_joints_refuses() -> None:
-    with pytest.raises(InputError, match="shape"):
+    with pytest.raises(InputError, match=r"shape \(time >= 2, 22, 3\), got .*; give one place for each of the names"):
         motion_from_joints(np.zeros((5, 21, 3)), rate_hz=20.0)
     with pytest.raises(InputError, match="missing \\['right_wrist'\\]"):
         motion_from_joints(np.zeros((5, 21, 3)), rate_hz=20.0, names=CANONICAL_JOINTS[:21])
     with pytest.raises(InputError, match="coincide"):
         motion_from_joints(np.zeros((5, 22, 3)), rate_hz=20.0)
-    with pytest.raises(InputError, match="finite"):
+    with pytest.raises(InputError, match=r"finite, got .*; repair the tracks first"):
         motion_from_joints(np.full((5, 22, 3), np.nan), rate_hz=20.0)
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from t2d_rt.core.checks import LARGEST_M, array, listed
+from t2d_rt.core.checks import LARGEST_M, array, check_shape, listed
 from t2d_rt.core.errors import InputError
 from t2d_rt.geometry.vectors import inner, norms, unit, vector_product
 from t2d_rt.motion import quaternions
@@ -225,8 +225,8 @@ def motion_from_joints(
     unknown = [name for name in names if name not in PARENT_OF]
     if missing or unknown or len(set(names)) != len(names):
         raise InputError(f"names must be the canonical joints, each once; missing {missing}, unknown {unknown}")
-    hint = "repair the tracks first"
-    joints = array("joints", joints, ("time >= 2", len(names), 3), limit=LARGEST_M, unit="m", hint=hint)
+    joints = array("joints", joints, limit=LARGEST_M, unit="m", hint="repair the tracks first")
+    check_shape("joints", joints, ("time >= 2", len(names), 3), hint="give one place for each of the names")
     if len(joints) < 2:
         raise InputError(f"joints must have shape (time >= 2, {len(names)}, 3), got {joints.shape}")
     points = {name: joints[:, names.index(name)] for name in PARENT_OF if name in names}
