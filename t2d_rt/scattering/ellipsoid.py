@@ -114,8 +114,8 @@ class EllipsoidScatterer(Scatterer):
         )
         path = np.linalg.norm(tiled - tx, axis=-1) + np.linalg.norm(tiled - rx, axis=-1)
         field = np.zeros(path.shape)
-        # Between an antenna and an image the ellipsoid casts a shadow and reflects nothing: it fades out towards that line, on
-        # which no echo is sought.
+        # Between an antenna and an image the ellipsoid casts a shadow and reflects nothing: the echo fades out towards that line,
+        # on which none is sought.
         aside = np.linalg.norm(unit(tx - tiled) + unit(rx - tiled), axis=-1)
         fade = np.clip((aside - FORWARD[0]) / (FORWARD[1] - FORWARD[0]), 0, 1)
         lit = np.nonzero(near & (aside > FORWARD[0] / 2))

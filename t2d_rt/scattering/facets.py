@@ -218,14 +218,14 @@ def _sums(at: LaneReader, starts: np.ndarray, add: Callable[[Any, list[Any]], tu
 
 
 def _flat_amplitude(at: LaneReader, corners: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
-    """Obliquity of a flat facet over the product of both ranges, times its mean visibility."""
+    """Doubled area times obliquity of a flat facet over the product of both ranges, times its mean visibility."""
     normal = cross(minus(corners[1], corners[0]), minus(corners[2], corners[0]))
     return [_obliquity(at, normal, combined(corners, THIRDS), antennas) * sum(visibility) * (1 / 3)]
 
 
 def _curved_amplitudes(at: LaneReader, nodes: list[Vector], visibility: list[Any], antennas: list[Vector]) -> list[Any]:
-    """Obliquity over the product of both ranges, times visibility, at the corners of a curved facet, between which it is linear:
-    with the true normals there it fades towards the boundary of the lit side."""
+    """Doubled area (per unit of u v) times obliquity over the product of both ranges, times visibility, at the corners of a curved
+    facet, between which it is linear: with the true normals there it fades towards the boundary of the lit side."""
     corners, middles = nodes[:3], nodes[3:]
     after = corners[1:] + corners[:1]
     bulges = [

@@ -54,8 +54,8 @@ small, which a body's own movements may hide."""
 ROUNDED = 1e-6
 """Relative error of a rate that is worked out from times."""
 STEADY_HZ, STEADY_S, LEAST_STEADY_S = (9.0, 240.0), 0.8, 0.2
-"""Between the first two [Hz] all motion is resolved that goes on in each piece of a record, as long as the second value [s]: steps
-on the floor pass, a vibration goes on, hidden or not. Records shorter than the third [s] do not tell its frequency."""
+"""Between these frequencies [Hz] all motion is resolved that goes on in each piece of `STEADY_S` [s] of a record: steps on the
+floor pass, a vibration goes on, hidden or not. Records shorter than `LEAST_STEADY_S` [s] do not tell its frequency."""
 PROBE_RATE_HZ, FINER = 240.0, 4.0
 """Rate [Hz] at which motion is sampled, higher for a record of fewer than `PROBE_FRAMES`; factor on it for faster motion."""
 PROBE_FRAMES = 12

@@ -93,7 +93,7 @@ class Front:
     weight: np.ndarray
     """Fraction of each tube that got here, times sqrt(2 A_1)/R_t of its start (eq. 31), (M,)."""
     reflection: np.ndarray
-    """Product of the reflection coefficients so far, complex (M,)."""
+    """Product of the conjugated reflection coefficients and of the focal phases so far, complex (M,)."""
     lead: np.ndarray
     """Corner whose path alone is traced on, while the others keep to the plane that touches the surface where it meets one; -1: all
     three are traced, (M,)."""
