@@ -24,7 +24,7 @@ SIGN = {"left": 1.0, "right": -1.0}
 OTHER = {"left": "right", "right": "left"}
 
 GRIP = 0.045
-"""Distance from the wrist to the middle of the grip, over stature: half the length of the hand's bone, 0.09."""
+"""Distance from the wrist to the middle of the grip, over stature: half of the hand's bone, which is 0.09."""
 HEADING_HZ = 0.5
 """Cut-off frequency that smooths the direction of walking: the pelvis turns to and fro once in a stride."""
 SHORT_M = 0.01

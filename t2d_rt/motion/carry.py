@@ -217,7 +217,7 @@ def _walker(person: Person, wish: Wish, _: str) -> Place:
 
 
 WALKER_AHEAD, WALKER_GRIP_M = 0.09, 0.05
-"""Distance of grips ahead of the shoulders, over stature, and inside the frame's width [m]; they are as low as arms can reach."""
+"""Distance of grips before the shoulders, over stature, and inside the frame's width [m]; they are as low as arms always reach."""
 
 
 PLACES: Mapping[str, Callable[[Person, Wish, str], Place]] = {

@@ -263,7 +263,7 @@ def _best_cycle(motion: Motion, window: int) -> tuple[int, int]:
     distance = np.sqrt(np.maximum(squares[:, None] + squares - 2.0 * feature[picked] @ feature[picked].T, 0.0))
     span = (picked[None, :] - picked[:, None]) / motion.rate_hz
     distance[span < max(0.5, 2.0 * window / motion.rate_hz)] = np.inf
-    # Standing is easiest to repeat but not what is asked for: a cycle must have 0.8 of the whole motion's mean speed.
+    # Standing is easiest to repeat but not what is asked for: a cycle must have 0.8 of the whole motion's speed about the hips.
     effort = np.cumsum(np.linalg.norm(np.diff(pose, axis=0, prepend=pose[:1]), axis=-1).mean(axis=1))
     lively = (effort[picked][None, :] - effort[picked][:, None]) / np.maximum(span, 1e-9)
     distance[lively < 0.8 * effort[-1] / motion.duration_s] = np.inf

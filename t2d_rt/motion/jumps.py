@@ -107,7 +107,7 @@ def told_before(report: str) -> str:
 
 
 def deviations(joints: np.ndarray, frames: int = 1) -> np.ndarray:
-    """Deviations (T - 3 n, J) [m] of the steps over n frames of joints (T, J, 3) [m], as the text of this module defines them."""
+    """Deviations (T - 3 n, J) [m] of the steps over n frames of joints (T, J, 3) [m], defined in the docstring of this module."""
     step = joints[frames:] - joints[:-frames]
     before, here, after = step[: -2 * frames], step[frames:-frames], step[2 * frames :]
     along = after - before

@@ -17,7 +17,7 @@ STEP, LATEST_S, LEAST_SHARED = 2, 1.0, 0.7
 """Frames from one compared posture to the next; how much later one may begin [s]; part of the shorter one that both must share."""
 
 PACES = 1.0, 0.97, 1.03
-"""Relative paces at which motions are compared; the best one and its lag are refined up to `NEAR` times the distance of a copy."""
+"""Relative paces at which motions are compared; up to `NEAR` times the distance of copies, the best one and its lag are refined."""
 SLOWEST, FASTEST = 0.965, 1.035
 """Limits of the finer pace."""
 

@@ -68,7 +68,7 @@ OVER_DEG, AFTER_ROLL_S = 270.0, 1.5
 """Turn of the trunk in a vertical plane from which the descent is a roll, unless the body lies that long after it."""
 
 BEFORE_S = 3.0
-"""Time before the floor is reached in which the greatest heights are taken that drops of head and hips count from."""
+"""Time before the floor is reached; drops of head and hips count from their greatest heights in it."""
 
 IMPACT_FRACTION = 0.25
 """Fraction of the hips' greatest downward speed below which the floor has stopped them."""
@@ -288,7 +288,7 @@ def _beyond_feet(body: Tracks) -> np.ndarray:
 
 
 def _downward_mps(heights: _Heights, descent: _Descent) -> tuple[float, float]:
-    """Greatest downward speeds of head and hips [m/s] from the beginning of the descent until shortly after the impact."""
+    """Greatest downward speeds of head and hips [m/s] from the beginning of the descent to 0.8 s after both floor and impact."""
     span = slice(descent.start, max(descent.floor, descent.impact) + round(0.8 * RATE_HZ))
     return (
         -float(heights.head_speed[span].min()) * heights.head_free_mps,

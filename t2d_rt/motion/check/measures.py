@@ -94,7 +94,7 @@ class Tracks:
 
 
 def tracks(motion: Motion) -> Tracks:
-    """The motion's joints at `RATE_HZ`, by a cubic spline; they are low-passed if the motion's rate is over 3 `CUTOFF_HZ`."""
+    """The motion's joints at `RATE_HZ`, by a cubic spline; low-passed at `CUTOFF_HZ` if the motion's rate is over 3 times that."""
     joints = motion.joints
     if motion.rate_hz > 3 * CUTOFF_HZ and len(joints) > 3:
         joints = low_pass(joints, CUTOFF_HZ, motion.rate_hz)

@@ -85,7 +85,7 @@ UP = np.array([0.0, 0.0, 1.0])
 FARTHEST, MOST_AWAY = 4, 1.85
 """A gait's distance is the root mean square of this many departures, those of the figures farthest from the middle of normal walks,
 in halves of their range; the second is its greatest value for a normal walk. Recorded ones reach 1.64. Both were chosen on walks of
-the seeds from 1000 on: none of 96 normal ones is beyond it, 1 of 96 with hardly any abnormality, and 86 of 96 like patients'."""
+the seeds from 1000 on: none of 96 normal ones is beyond it, 1 of 96 hardly abnormal ones, and 86 of 96 with gaits of patients."""
 
 PACE = ("cadence_per_min", "step_length")
 ONE_S_OWN, MOST_ALONE = (*PACE, "halted_s", "trunk_lean_deg"), 2.5

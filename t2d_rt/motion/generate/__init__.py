@@ -1,4 +1,4 @@
-"""Make motions of descriptions, by several providers behind one interface.
+"""Make motions from descriptions, by several providers behind one interface.
 
 >>> motion = motion_from_text("a person walks forward", seed=3)
 >>> motion.rate_hz
@@ -108,7 +108,7 @@ def motion_from_text(
 
 
 def _refuse_unused(provider: str | Provider, **options: object) -> None:
-    """Raises an InputError for options that a provider would ignore: only those that ship choose people and clips."""
+    """Raises an InputError for options that a provider would ignore: only those of `COMPOSED` choose people and clips."""
     kind = provider.partition(":")[0] if isinstance(provider, str) else "of your own"
     if kind in COMPOSED or (isinstance(provider, str) and kind not in PROVIDERS):
         return

@@ -18,8 +18,8 @@ BLEND_S = 0.4
 """Time in which a difference at a seam dies out: about one step of a walk."""
 
 FARTHEST, LEAST_FRAMES = 0.7, 6
-"""Limit of a velocity at a seam times the time in which it dies out [m or rad], a seventh of which a joint swings farther by; and
-the fewest frames of that time."""
+"""Limit of a velocity at a seam times the time in which it dies out [m or rad], unless the gap is larger: a joint swings farther by
+a fifth of it; and the fewest frames of that time."""
 
 MOST_CARRIED = 0.3
 """Greatest distance, over the leg's length, by which a standing foot may be carried at a seam."""

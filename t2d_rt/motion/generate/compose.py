@@ -58,7 +58,7 @@ OBJECTS: Mapping[Action, str] = {
 """Objects that each action heeds, beside the floor that everybody is on."""
 
 IDLE_DIRECTIONS: Mapping[Action, str] = {"sit": "back forward", "stand_up": "forward back left right"}
-"""Directions that change nothing in an action; in others it goes anyway."""
+"""Directions that change nothing in an action; those in which it goes anyway, as down in sitting, are left out."""
 
 
 def not_made(step: Step, following: Sequence[Step] = ()) -> list[str]:

@@ -210,8 +210,8 @@ BEST = 40
 """Number of limbs of each side, the likeliest ones, that are compared with those of the other."""
 
 STRAIGHT, NEARLY_ALWAYS = 0.96, 5.0
-"""Distance between the ends of a bone of several joints (twist bones) over the length along them, which is less in this percentage
-of the frames at most: they lie on a line. In half of the frames of a walk a whole leg does so too."""
+"""Joints make one bone (with twist bones) if the distance of its ends is at least this part of the length along them, but for this
+percentage of the frames: in half of the frames of a walk a whole leg is as straight."""
 
 
 @dataclass(frozen=True, slots=True)

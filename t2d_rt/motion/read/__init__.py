@@ -37,7 +37,7 @@ KNOWN = "bvh", "gz", "glb", "npy", "npz", "c3d", "trc", "csv", "json", "txt", "a
 """Endings that readers of other packages may not take."""
 
 SHORT_S = 0.1
-"""Duration below which a file holds no movement that could be seen [s]: a fifth of a step, four windows of a spectrogram."""
+"""Duration below which a file holds no movement that could be seen [s]: a fifth of a step, four windows of 25 ms."""
 
 __all__ = ["LOWEST_CUTOFF_HZ", "load_motion", "load_motions", "motion_from_joints"]
 

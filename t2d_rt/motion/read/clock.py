@@ -146,7 +146,7 @@ def tidy(rate_hz: float, within: float = 5e-4) -> float:
 
 
 def _seconds(times: Times, stated_hz: float | None) -> tuple[np.ndarray | None, np.ndarray]:
-    """Ascending times [s] and a mask (T,) of the frames that have them; None instead of times if the values are none."""
+    """Ascending times [s] and a mask (T,) of the frames that have them; None if the values are no times."""
     values = times.values - times.values[np.isfinite(times.values)][:1].sum()  # times since 1970 leave too few digits
     before = np.maximum.accumulate(np.concatenate([[-np.inf], np.nan_to_num(values, nan=-np.inf)[:-1]]))
     in_order = values > before

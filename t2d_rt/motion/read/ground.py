@@ -79,7 +79,7 @@ class Ground:
 def levelled(tracks: Tracks, up: object) -> tuple[Tracks, Ground | None]:
     """Tracks in metres, z up, turned so that gravity points down, and the ground that was found, None if it agrees with the axis.
 
-    up: what the user gave. An axis or a vector is kept, with a warning if the motion is tilted against it; "file" is kept without.
+    up: what the user gave. An axis or a vector is kept, with a warning if the motion is tilted against it; "file" is kept silently.
     """
     floor = ground(tracks.points, tracks.rate_hz)
     if floor is None:

@@ -91,7 +91,7 @@ def rms_steps(joints: np.ndarray) -> np.ndarray:
 
 LONGEST_GAP_S = 0.25
 """Gaps up to this length are bridged, by cubic splines through the other samples: a wrist that swings by 20 cm in a walk, at 1 Hz,
-is then up to 7 mm off in a file of 20 Hz, and 2 mm in one of 60 Hz."""
+is then up to 4 mm off in a file of 20 Hz and 2 mm in one of 60 Hz, and twice that beside the record's ends."""
 
 SHORTEST_S = 0.5
 """Pieces between longer gaps that are shorter than this hold no step [s]."""

@@ -97,7 +97,7 @@ its spectrum, whose power falls in that band as f^-2b. The centre of mass, some 
 0.5 Hz (Winter 1995, Gait and Posture 3: 193). The band ends at 5 Hz because echoes of recorded people at rest do not agree with
 less (docs/decisions.md, A device's points by the device's own chain)."""
 OFF_FEET_M = 0.1
-"""Horizontal distance of the centre of mass from the middle of the feet above which a seat carries a body with level thighs: it is
+"""Level distance of the centre of mass from the middle of the feet [m] above which a seat carries a body with level thighs: it is
 0.17 to 0.41 m in made sits and up to 0.03 m in squats, and feet reach some 0.13 m."""
 
 

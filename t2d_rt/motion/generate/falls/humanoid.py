@@ -191,7 +191,7 @@ PARENTS = dict(zip(CANONICAL_JOINTS, CANONICAL_PARENTS, strict=True))
 
 
 def coordinates(body: Humanoid, root_m: np.ndarray, segments: np.ndarray) -> np.ndarray:
-    """Coordinates qpos (T, nq) of the poses with the pelvis at `root_m` (T, 3) whose segments come nearest to (T, 22, 3, 3).
+    """Coordinates qpos (T, nq) of the poses with the pelvis at `root_m` (T, 3) nearest to `segments` (T, 22, 3, 3).
 
     Inverse kinematics in closed form: the relative rotation of each joint is written as Euler angles about its hinges, of which
     those that it lacks are left out.
@@ -333,7 +333,7 @@ which is another on the next machine, into millimetres and more."""
 
 
 def on_grid(values: Any) -> np.ndarray:
-    """Numbers rounded to `ON_GRID` decimals, so that falls begin with the same bits on all machines, except at the very edges."""
+    """Numbers rounded to `ON_GRID` decimals, so that falls begin with the same bits on all machines, but at a rounding's edge."""
     return np.round(np.asarray(values, dtype=float), ON_GRID)
 
 

@@ -115,7 +115,7 @@ SLIDE_LIMIT_M, DEPTH_LIMIT_M, GAIN_LIMIT_J = 0.5, 0.02, 8.0
 
 
 def missing(measured: Figures, plan: FallPlan) -> float:
-    """How far a fall is from real ones: 0 within all ranges, else a sum of excesses; infinite if it is no fall or another one."""
+    """How far a fall is from real ones: 0 within all ranges, else a sum of excesses; infinite if it is not the planned fall."""
     fatal = (
         not IMPACT_RANGE_S[0] <= measured.impact_s <= IMPACT_RANGE_S[1]
         or measured.heading not in _headings(plan)

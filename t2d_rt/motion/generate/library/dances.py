@@ -29,7 +29,7 @@ PHRASE_S = 4.0
 """Longest stretch of one recording before another goes on: eight counts of music at two beats a second."""
 
 TRIES = 6
-"""Most phrases that are drawn until one goes on smoothly; otherwise another recording joins, or the smoothest phrase is taken."""
+"""Most phrases drawn until one goes on smoothly; otherwise another recording joins or, if none is left, the smoothest is taken."""
 
 SMOOTH_M = 0.03
 """Deviation of a joint's step from its neighbours' at a seam, at 60 Hz, up to which a phrase goes on smoothly; of recorded
@@ -91,7 +91,7 @@ def dance(maker: Maker, step: Step, duration_s: float) -> Piece:
 
 
 def _segments_of_one_recording(maker: Maker, unused: list[Segment]) -> list[Segment]:
-    """The segments of a recording that is drawn from the `unused` ones, of which it is removed."""
+    """The segments of a recording that is drawn from the `unused` ones and removed from them."""
     sources = maker.store.sources
     recording_of = {segment.clip: (sources[segment.clip].subject, sources[segment.clip].file) for segment in unused}
     recordings = list(dict.fromkeys(recording_of.values()))

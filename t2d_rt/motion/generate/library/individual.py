@@ -226,7 +226,7 @@ class Maker:
 
 
 def stand(maker: Maker, step: Step, duration_s: float, *, clip: str = "") -> Piece:
-    """Quiet standing: a clip played to and fro; beside a recording `clip` it is of the same one, or of one without such action."""
+    """Quiet standing: a clip played to and fro; if `clip` is given, of that recording or else of one that lacks its action."""
     segments = maker.segments("stand")
     if clip:
         action = next(part.action for part in maker.store.segments if part.clip == clip and part.action != "stand")

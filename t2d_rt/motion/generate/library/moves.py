@@ -404,9 +404,7 @@ def quickened(walk: Piece, angle_rad: float, lasting_s: float) -> Piece:
     angle meanwhile turns no farther over a standing foot than hips do."""
     stands = [stop - start for side in range(2) for start, stop in runs(np.asarray(walk.planted[:, side].any(axis=1)))]
     stance_s = float(np.median(stands)) / RATE_HZ if stands else 0.0
-    fastest = (
-        1.875 / 0.8 * angle_rad / lasting_s
-    )  # greatest rate of a minimum-jerk step over the middle 80 % of the time
+    fastest = 1.875 / 0.8 * angle_rad / lasting_s  # of a minimum-jerk turn in the middle 80 % of the time
     factor = float(np.clip(fastest * stance_s / (2 * MOST_TWIST_RAD), 1.0, MOST_QUICKENED))
     return edits.tempo(walk.part(0, round(factor * lasting_s * RATE_HZ) + 1), factor)
 

@@ -216,7 +216,7 @@ def write(path: Path, table: list[dict[str, str]]) -> None:
 
 
 def recorded(path: Path) -> tuple[Poses, np.ndarray]:
-    """A motion file as poses at the library's rate, with standing feet at height 0, and its contacts (T, 2, 2)."""
+    """A motion file as poses at the library's rate, with heels and balls of standing feet at z = 0, and its contacts (T, 2, 2)."""
     try:
         stamp = path.stat().st_mtime_ns
     except OSError as error:

@@ -59,8 +59,8 @@ PROMPT = 0.2
 """Factor on the time at rest before a step that has a given duration."""
 
 SHIFT, SHIFT_ASIDE, SHIFT_BACK = (0.12, 0.34), 0.12, 0.3
-"""Range of steps ahead or back, and greatest step aside, before and after an action on the spot, over stature (half a step to a
-step); and the chance that they go back."""
+"""Range of the length of a step ahead or back, and greatest one aside, before and after an action on the spot, over stature (half a
+step to a step); and the chance that it goes back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

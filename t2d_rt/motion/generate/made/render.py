@@ -359,9 +359,9 @@ def _swept(start: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
 def _two_bones(
     start: np.ndarray, target: np.ndarray, pole: np.ndarray, bones_m: tuple[float, float], soft: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle and end (T, 3) of a limb that reaches for a target, by the law of cosines, and the perpendicular in which it bends.
+    """Middle and end (T, 3) of a limb that reaches for a target, by the law of cosines, and the direction across it of its bend.
 
-    soft: part of the limb's length over which its stretch ends smoothly, because an elbow leaves a straight arm at any speed.
+    soft: part of the limb's length over which its stretch ends smoothly, because an elbow leaves a straight arm infinitely fast.
     """
     first, second = bones_m
     span = target - start

@@ -33,7 +33,7 @@ SEAT_M = 0.38, 0.53
 
 
 STAIR_M = 0.31, 0.37
-"""Range of the height of two treads of a stair, which are a seat."""
+"""Range of the height of two treads of a stair, which serve as a seat."""
 
 
 SHORTEST_SIT_S = 1.65
@@ -199,7 +199,7 @@ def _push(act: Act, step: Step, first_s: float) -> None:
 
 
 def _support(act: Act, step: Step, seat_m: float) -> dict[str, Goal]:
-    """Goals of hands that hold something while sitting down: armrests or the own knees; empty if they hold nothing."""
+    """Goals of hands that hold something while sitting down: armrests or knees; empty if they hold nothing."""
     odds = [0.1, 0.5, 0.25, 0.15] if step.manner == "careful" else [0.35, 0.25, 0.25, 0.15]
     if step.object == "stair":
         return {}

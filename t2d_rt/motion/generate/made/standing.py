@@ -172,7 +172,7 @@ def squat_m(act: Act, knees_rad: float) -> float:
 
 
 def _bend_aside(act: Act, step: Step) -> None:
-    """Bend to a side: a hand slides down the thigh, the hips go the other way; the other arm hangs, rests or goes overhead."""
+    """Bend to a side: a hand slides down the thigh, the hips go the other way; the other arm hangs, is on the hip or overhead."""
     lean = step.direction or "left"
     sign = SIGN[lean]
     down_s, up_s = act.u(0.8, 1.15), act.u(0.8, 1.15)
