@@ -338,6 +338,14 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("hops twice, then for 10 s", [{"count": 2, "duration_s": None}, {"count": None, "duration_s": 10}]),
         ("walks for 5 s, then quickly", [{"speed": "normal", "duration_s": 5}, {"speed": "fast"}]),
         ("turns left, then by 180 degrees", [{"angle_deg": None}, {"angle_deg": 180}]),
+        ("turns 1/4 turn, 1/2 turn", [{"angle_deg": 90}, {"angle_deg": 180}]),
+        ("turns 90 degrees, turning 90 degrees", [{"angle_deg": 90}] * 2),
+        ("turns once around", [{"angle_deg": 360, "direction": None}]),
+        ("sits down when he has walked", [{"action": "walk"}, {"action": "sit"}]),
+        ("walks as soon as he has jumped", [{"action": "jump"}, {"action": "walk"}]),
+        ("sits. Before that, he jumps", [{"action": "jump"}, {"action": "sit"}]),
+        ("jumps three times with 2 s in between", [{"count": 3, "duration_s": None}]),
+        ("jumps with a pause of 2 s", [{"action": "jump", "duration_s": None}]),
         ("jumps for a total of 10 s twice", [{"count": 2, "duration_s": 10}]),
         ("jumps for altogether 10 s, twice", [{"count": 2, "duration_s": 10}]),
         (
@@ -349,6 +357,16 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
 def test_what_is_said_of_two_times_is_kept(words: str, slots: list[dict[str, object]]) -> None:
     steps = parse_description(f"a person {words}").description.steps
     assert [{name: getattr(step, name) for name in each} for step, each in zip(steps, slots, strict=True)] == slots
+
+
+def test_a_count_of_several_actions_is_told() -> None:
+    for sentence in ("he walks, turns and walks back, three times", "he walks there and back three times"):
+        assert parse_description(sentence).partly == ("three times (made of the last action alone)",)
+
+
+def test_what_is_done_at_once_is_told_where_it_is_made_in_turn() -> None:
+    assert parse_description("he sits while jumping").partly == ("jumping (made after what is done meanwhile)",)
+    assert not parse_description("he slips while walking").partly
 
 
 @pytest.mark.parametrize("words", ["turns NaN degrees", "walks for inf seconds", "jumps nan times"])
@@ -659,7 +677,27 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("sits down and again", "again"),
         ("sits down, again", "again"),
         ("walks, again forward", "again"),
-        ("jumps while walking, then twice more", "twice"),
+        ("turns 1/4 turn + 1/2 turn", "1 / 2 turn"),
+        ("falls and falls again", "falls"),
+        ("sits, sits", "sits"),
+        ("falls and sits on a chair", "sits"),
+        ("jumps over three times", "over"),
+        ("walks for over 5 s, then sits", "over"),
+        ("jumps another time", "another"),
+        ("jumps, a second time", "second"),
+        ("jumps some more", "some more"),
+        ("jumps more", "more"),
+        ("jumps forward and the same to the left", "same"),
+        ("walks the other way", "other"),
+        ("walks and runs in turn", "in turn"),
+        ("walks as though falling", "as though falling"),
+        ("climbs two steps at a time", "at a time"),
+        ("jumps before and after sitting", "before"),
+        ("bends his back", "his back"),
+        (
+            "jumps while walking, then twice more",
+            "twice; not made as said: walking (made after what is done meanwhile)",
+        ),
         ("walks forward and back, then once more", "once"),
         ("walks for 45 s to 1 min 30 s", "45 s to 1 min 30 s"),
         ("walks for 1 min 30 s to 2 min", "1 min 30 s to 2 min"),
@@ -688,7 +726,7 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("jumps 2\u00bd times", "2 1 \u2044 2 times"),
         ("spins one and a half times", "one and a half times"),
         ("walks behind him", "behind him"),
-        ("sits on the chair, then the floor", "floor"),
+        ("sits on the chair, then the floor", "sits, floor"),
         ("is a man aged 70 who falls", "aged, 70"),
         ("falls, a man aged about seventy", "aged, seventy"),
         ("jumps >3", ">, 3"),
@@ -707,7 +745,7 @@ def test_both_ranges_of_a_product_are_told() -> None:
 def test_numbers_that_are_not_read_are_told_in_the_words_of_the_sentence(words: str, told: str) -> None:
     parsed = parse_description(f"he {words}")
     assert str(parsed) == f"not understood and left out: {told}"
-    assert all(step.duration_s is None or step.duration_s == 20 for step in parsed.description.steps)
+    assert all(step.duration_s in (None, 5, 20) for step in parsed.description.steps)
 
 
 def test_a_range_that_is_read_once_and_left_out_once_is_told_as_both() -> None:

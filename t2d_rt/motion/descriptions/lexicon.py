@@ -98,6 +98,7 @@ class Lexicon(Fields):
     modifiers: dict[str, Modifier]
     negations: Phrases
     subjects: dict[Subject, Synonyms]
+    several: Phrases
     pronouns: Phrases
     possessives: dict[Literal["his", "her"], Phrases]
     objects: dict[Object, Phrases]

@@ -78,6 +78,11 @@ def parse_description(sentence: str) -> Parsed:
             f"the sentence is contradictory: it says {directions} of one action ({verb}); leave one of them out, or "
             "write two steps"
         ) from None
+    for place, step in enumerate(steps[1:], 1):
+        if step.joined == "while" and "fall" not in [
+            each.action for each in steps[place : place + 2]
+        ]:  # slips while walking
+            reader.partly.append(f"{step.words} (made after what is done meanwhile)")
     description, read_as = _description(steps, reader, sentence)
     left_out = Counter(reader.ignored)
     slips = []
@@ -180,16 +185,21 @@ def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]
 
 def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep | None:
     """One step for two neighbours that are one action; None where they are two."""
-    if second.repeats and first.action == second.action and first.action in REPEATED:
-        return None
     loose = second.joined in ("", ",", "while")
     actions = first.action, second.action
+    if first.action == second.action:
+        measured = {"count", "angle_deg"} & first.said.keys() & second.said.keys()
+        if (second.repeats or measured) and first.action in REPEATED:
+            return None
+        once = first.action in ("fall", "sit")  # who has fallen or sat down is to stand up first
+        ignored += [second.words] * (once and (second.repeats or second.words in first.words))
     if actions == ("fall", "fall"):
         return merged(first, second, ignored)
     if actions in (("fall", "lie_down"), ("fall", "sit")):
         lying = ParseStep("fall", {}, {**second.slots(), "type": first.get("type")}, given=second.given)
         together = merged(first, lying, ignored)
-        ignored += [] if together is not None else [second.words, *second.given.values()]
+        ignored += [second.words] * (together is None or second.action == "sit")
+        ignored += second.given.values() if together is None else []
         return together or first
     resting = first.words in ("lying", "sitting", "seated") and first.said.keys() <= {"object"}
     if resting and actions in (("lie_down", "stand_up"), ("sit", "stand_up")):

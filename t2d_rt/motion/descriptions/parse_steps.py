@@ -29,8 +29,7 @@ OBJECTS_FIRST = "handrail", "ball", "chair", "stair", "floor"
 MEASURES = "count", "duration_s", "angle_deg"
 REPEATING = "and", "then", ","
 """Joins behind which an action may be done again."""
-OTHERS = "another", "other", "second"
-INDEFINITE = "a", "an", "one", *OTHERS
+INDEFINITE = "a", "an", "one", "another", "other", "second"
 """Words before a noun of somebody who was not named before."""
 
 TWO_PEOPLE = {"man", "woman"}, {"man", "child"}, {"woman", "child"}, {"old_person", "child"}
@@ -105,6 +104,8 @@ class Reader:
     subject: str = ""
     named: bool = False
     """Whether a noun tells the subject, which no other replaces."""
+    his: str = ""
+    """The possessive of the subject, where it is known."""
     dead: bool = False
     """Whether the words belong to something that is not understood, or does not happen."""
     denied: bool = False
@@ -215,6 +216,8 @@ class Reader:
 
     def _subject(self, subject: str, words: str) -> None:
         named, clause = words not in lexicon().pronouns, self.clauses[-1]
+        his = {"man": "his", "woman": "her"}.get(subject, "")
+        his = next((his for his, nouns in lexicon().possessives.items() if words in nouns), his)
         if clause.join == "before" and clause.steps and len(self.clauses) == 1:  # before he sits down he walks
             self.clauses.append(Clause(","))
         if named and self.named and {subject, self.subject} in TWO_PEOPLE:
@@ -225,8 +228,13 @@ class Reader:
             self.ignored.append(words)
         elif named and self.article in INDEFINITE and (self.named or (self.subject and clause.steps)):
             self.ignored.append(words)  # past a man who sits
-        elif not self.subject or (named and not self.named):
-            self.subject, self.named = subject, named
+        elif {his, self.his} == {"his", "her"}:
+            self.ignored.append(words)  # he sits, she walks
+        else:
+            self.ignored += [words] * (words in lexicon().several)
+            if not self.subject or (named and not self.named):
+                self.subject, self.named = subject, named
+        self.his = self.his or his
 
     def _action(self, token: Token) -> None:
         clause = self.clauses[-1]
@@ -247,8 +255,6 @@ class Reader:
         implied = dict(token.slots)
         last = clause.steps[-1] if token.gerund and clause.steps else None
         action = str(implied.pop("action"))
-        if self.subject and self.article in OTHERS and token.words.split()[0].endswith("s"):  # and another sits
-            self.ignored.append(self.article)
         step = ParseStep(action, implied, weak=token.kind == "weak", gerund=token.gerund, words=token.words)
         if token.partly:
             self.partly.append(f"{token.words} (made as any {step.action.replace('_', ' ')})")
@@ -298,8 +304,9 @@ class Reader:
             self.clauses.append(Clause(join))
             return
         if join != ",":
-            joins = {clause.join, join}  # "and then", "before and after"
+            joins = {clause.join, join}  # "and then"
             clause.join = next(word for word in ("after", "before", "while", "then", "and", ",", "") if word in joins)
+            self.ignored += joins - {clause.join, "then", "and", ",", ""}  # before and after
 
     def _stretching(self) -> bool:
         steps = self.clauses[-1].steps
@@ -317,9 +324,6 @@ class Reader:
         """Gives what stands in the last clause without an action to the action before it, or makes a step of its own of it."""
         clause = self.clauses[-1]
         last = self._last()
-        others = ("other",) if clause.pending else OTHERS
-        if self.article in others and last is not None and not clause.steps and clause.join in ("then", "and"):
-            self.ignored.append(self.article)  # and on the other
         if clause.steps or not clause.pending:
             return
         if last is None and any(pending.kind == "gait" for pending in clause.pending):
@@ -347,6 +351,10 @@ class Reader:
             {"count", "duration_s"} if measures and not measured and not again else set()
         )  # for 5 s, then three times
         repeats = again or (tells and clause.join == "then") or ((measured or returns) and clause.join == "and")
+        several = sum(len(other.steps) for other in self.clauses) > 1
+        if "count" in tells and (returns or (clause.join == "," and several)):  # sits down, stands up, three times
+            counts = [other.said for other in clause.pending if other.kind == "slot" and "count" in other.slots]
+            self.partly += [f"{count} (made of the last action alone)" for count in counts]
         new = last.again(tells, clause) if repeats else None
         for token in sorted(clause.pending, key=lambda pending: pending.kind != "direction"):
             try:
@@ -400,6 +408,8 @@ def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
         attach(step, Token("object", token.words, {"object": "stair"}), ignored)
     elif token.words == "turns" and step.action == "turn" and "count" in step.said:
         step.implied.setdefault("angle_deg", 2 * HALF_TURN_DEG)
+    elif token.words in ("turn", "turns") and step.action == "turn" and "angle_deg" in step.said:
+        pass  # turns a quarter turn
     elif token.words in ("circle", "circles") and step.action in ("walk", "run", "dance", "jump"):
         attach(step, Token("direction", token.words, {"direction": "circle"}), ignored)
     else:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -22,10 +20,8 @@ from t2d_rt.motion.descriptions.numbers import (
     linked_numbers,
     number_at,
 )
+from t2d_rt.motion.descriptions.words import words_of
 
-WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
-COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
-"""A decimal comma within a number; commas between three numbers and more part a list."""
 GAP = "~"
 MOST_BETWEEN = 4
 """Words that `~` stands for at most: "picks the red ball up"."""
@@ -35,9 +31,6 @@ NO_GAP = "and", "or", "then", ",", ".", "before", "after", "while", "to", "no", 
 BY, SETS = ("x", "\u00d7", "*"), ("sets", "rounds", "series")
 """What stands between how many times and what is done: 2 x 90 degrees, 3 sets of 5 squats."""
 
-DASH = re.compile(r"(?<=\d)\s*[-\u2010-\u2015\u2212]\s*(?=\d)(?!\d+/\d)")
-"""What stands between the ends of a range: 2-3; but 1-1/2 is one number."""
-HYPHEN = re.compile(r"\b([^\W\d_]+)-(?=([^\W\d_]+)\b)")
 COMPARING = "<>\u2264\u2265\u00b1"
 """Signs that say of a number what is not read."""
 
@@ -49,6 +42,8 @@ NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pa
 """What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
 TOTAL = "total", "all", "altogether", "overall"
 """What stands near the time of all repetitions together, which is not multiplied: a total of 10 s, twice."""
+BETWEEN = "with a pause of", "with a break of", "pauses of", "breaks of", "intervals of"
+"""What stands before a time that passes between repetitions."""
 IN_ALL = "in total", "in all", "altogether", "overall", "around", "round the"
 """What follows how often something is done within a time that is said before: for 60 s, 20 times in total."""
 
@@ -114,39 +109,6 @@ class Entry:
     slots: Mapping[str, object]
     gerund: bool = False
     partly: bool = False
-
-
-def words_of(text: str) -> list[str]:
-    """Words, numbers and signs in lower case; hyphens part words, dashes are commas, signs of degrees and pi are words.
-
-    A dash between two numbers is "to".
-
-    >>> words_of("High-stepping, it's 2.5 s!")
-    ['high', 'stepping', ',', "it's", '2.5', 's', '!']
-    >>> words_of("two-three squats, twenty-one jumps, 5-10 s")
-    ['two', 'to', 'three', 'squats', ',', 'twenty', 'one', 'jumps', ',', '5', 'to', '10', 's']
-    >>> words_of("1,5 turns, 1,000 steps, 1/2 or .5")
-    ['1.5', 'turns', ',', '1000', 'steps', ',', '1', '/', '2', 'or', '0.5']
-    """
-    apart = re.sub(r"(?<=\d)(?=[¼-¾⅐-⅞])", " ", re.sub(r"(?<=\d)\s*[°º]", " degrees ", DASH.sub(" to ", text)))
-    signs = {0x2019: "'", 0x2018: "'", 0x2014: ",", 0x2013: ",", 0x3C0: "pi"}
-    lowered = COMMA.sub(_with_point, unicodedata.normalize("NFKC", apart).lower().translate(signs))
-    lowered = re.sub(r"\b(he|she|they|i|we|you)'(?:s|ll|d|ve|re|m)\b", r"\1", lowered)
-    lowered = HYPHEN.sub(_unhyphened, re.sub(r"(?<![\w.])\.(?=\d)", "0.", lowered))
-    return WORD.findall(re.sub(r"(?<=\w)-(?=\w)", " ", re.sub(r"\s-+\s", " , ", lowered)))
-
-
-def _unhyphened(hyphened: re.Match[str]) -> str:
-    """A word and what stands for the hyphen behind it: two-three is two to three; twenty-one is twenty one."""
-    first, second = (lexicon().numbers.get(word, 0) for word in hyphened.groups())
-    return f"{hyphened[1]} {'to ' if min(first, second) > 0 and (first < 20 or second > 9) else ''}"
-
-
-def _with_point(number: re.Match[str]) -> str:
-    """A number with a comma: before three digits that parts thousands, as in English, else it is a decimal comma."""
-    whole, rest = number.groups()
-    thousands = len(rest) == 3 and len(whole) <= 3 and not whole.startswith("0")
-    return f"{whole}{rest}" if thousands else f"{whole}.{rest}"
 
 
 def _spelled(phrase: str) -> Iterator[tuple[str, ...]]:
@@ -290,9 +252,22 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
     if word.endswith("n't") or word == "cannot":
         return [Token("not", word)], place + 1
     sign = not any(char.isalnum() for char in word) and word not in COMPARING
-    neutral = sign or word in lexicon().neutral or word in ("one", "a", "an")
+    neutral = sign or (word in lexicon().neutral and _is_neutral(words, place)) or word in ("one", "a", "an")
     kind = "of limb" if word in lexicon().of_limbs else "neutral" if neutral else "unknown"
     return [Token(kind, word)], place + 1
+
+
+def _is_neutral(words: list[str], place: int) -> bool:
+    """Whether a neutral word tells nothing where it stands: more slowly, once more, both arms, another two; but not over two."""
+    word, follows = words[place], words[place + 1] if place + 1 < len(words) else ""
+    measured = follows != "" and (_measure(words, place + 1) or _number(words, place + 1)) is not None
+    if word in ("over", "under", "above"):
+        return not measured or follows in lexicon().times  # falls over twice
+    if word == "another":
+        return measured or (_is(follows, "action") and not follows.endswith("s"))
+    if word == "more":
+        return _is(follows, "slot") or words[place - 1] in (*TIMES, "time", *lexicon().times, *lexicon().seconds)
+    return word != "both" or _is(follows, "part")
 
 
 def _number_end(words: list[str], place: int) -> int:
@@ -364,8 +339,11 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     follows, then = (words[at] if at < len(words) else "" for at in (after, after + 1))
     if _is_rate(words, after):
         return _told(words, place, after + 1 + int(follows not in RATES), {}, kind="reported")
-    if "duration_s" in token.slots and follows in NO_DURATION:
-        return _told(words, place, after + 1, {}, kind="reported")
+    pause = after + int(follows == "in")  # 5 s in between
+    if "duration_s" in token.slots and words[pause : pause + 1] and words[pause] in NO_DURATION:
+        return _told(words, place, pause + 1, {}, kind="reported")
+    if "duration_s" in token.slots and " ".join(words[max(place - 4, 0) : place]).endswith(BETWEEN):
+        return _told(words, place, after, {}, kind="reported")
     if words[max(place - 3, 0) : place] in (["and", "at", "most"], ["and", "at", "least"]):
         return _told(words, place, after, {}, kind="reported")
     begins = place == 0 or _is(words[place - 1], "join")  # 5 seconds before falling, he jumps
@@ -469,16 +447,19 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
         )
     climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
     person = next((word for word in reversed(words[:place]) if word not in (*AGED, *lexicon().roughly)), "")
+    labelled = person.isalpha() and not person.endswith("s") and person not in _vocabulary()  # participant 2 jumps
     if follows in TREADS and (
         follows != "steps" or climbed in ("up", "down") or _is(climbed, "action", action="climb")
     ):
         read = f"{number:g} stairs" if vague else ""
         return _told(words, place, after + 1, {"object": "stair", "count": _whole(number)}, read, "object")
-    if words[after - 1] == "couple" or _is(person, "subject"):  # who dances; patient 2 walks, a man aged 70 falls
+    if (
+        words[after - 1] == "couple" or _is(person, "subject") or labelled
+    ):  # who dances; patient 2 walks, a man aged 70 falls
         return None
     angle = _turned(words, after)  # two 360 degree turns
     turns = angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]
-    many = number > 1 or vague or words[place] == "1"
+    many = number != 1 or vague or words[place] == "1"
     return _counted(words, place, after, reading) if turns or (many and _deed(words, after)) else None
 
 
