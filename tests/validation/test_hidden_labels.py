@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,9 @@ pytest.importorskip("torch", reason="PyTorch is not installed (extra [learn])")
 pytest.importorskip("sklearn", reason="scikit-learn is not installed (extra [learn])")
 
 from t2d_rt.core.errors import InputError
+from t2d_rt.dataset import Dataset, Recipe, make_dataset
 from t2d_rt.learn.maps import LabelledMaps
-from validation.datasets.hidden_labels import accuracy, directionless, interval, mirrored
+from validation.datasets.hidden_labels import accuracy, directionless, interval, mirrored, turned
 
 
 def test_a_figure_that_tells_the_class_is_found_and_noise_is_not() -> None:
@@ -35,6 +37,19 @@ def test_mirrored_maps_have_the_same_speeds() -> None:
     assert found.levels[0, :, 0].tolist() == [-9.0, -6.0, -3.0, 0.0]
     with pytest.raises(InputError, match="make the data set again"):
         mirrored(replace(maps, velocity_mps=speeds + 0.5))
+
+
+def test_people_who_are_turned_round_do_the_same_the_other_way(tmp_path: Path) -> None:
+    recipe = Recipe.read("small-hard").model_copy(update={"classes": ("walking", "bending")})
+    make_dataset(recipe, tmp_path / "plain", limit=2)
+    plain = Dataset(tmp_path / "plain")
+    others = turned(plain, tmp_path / "turned")
+    for one, other in zip(plain.records, others.records, strict=True):
+        assert (one["seed"], one["range_m"]) == (other["seed"], pytest.approx(other["range_m"], abs=0.005))
+        assert other["angle_deg"] == pytest.approx(one["angle_deg"] + 180)
+        assert one["aside_m"] == pytest.approx(-other["aside_m"], abs=0.001)
+    one, other = plain.records[0], others.records[0]
+    assert one["nearer_m"] * other["nearer_m"] < 0
 
 
 def test_what_direction_tells_is_gone_without_it_and_what_travel_tells_stays() -> None:
