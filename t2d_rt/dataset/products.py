@@ -111,18 +111,20 @@ class _Map(_Product):
         The cell at minus half the repetition rate has no opposite. With it, the cells of a coarser map would not lie alike on both
         sides of zero, and what stands would show which way up a map is.
 
-        Raises InputError where fewer than two are left, of which no axis can be told.
+        Raises InputError if fewer than two rows are left, from which no axis follows.
         """
         speeds = np.abs(velocity_mps)
         greatest = min(speeds[0], speeds[-1], np.inf if self.speed_mps is None else self.speed_mps)
         kept = np.flatnonzero(speeds <= greatest * (1.0 + 1e-9))
-        if len(kept) < 2:
-            cell_mps = velocity_mps[1] - velocity_mps[0]
+        if len(speeds) < 3:
             raise InputError(
                 f"a map shows the same speeds towards and away, and of {len(speeds)} cells of speed only zero has its opposite; "
                 "give a radar with more chirps in a burst"
-                if len(speeds) < 3
-                else f"speed_mps {greatest:g} leaves one cell of speed of {len(speeds)}, which lie every {cell_mps:.3g} m/s, and a "
+            )
+        if len(kept) < 2:
+            cell_mps = velocity_mps[1] - velocity_mps[0]
+            raise InputError(
+                f"speed_mps {greatest:g} leaves one cell of speed of {len(speeds)}, which lie every {cell_mps:.3g} m/s, and a "
                 f"map needs two or more; raise speed_mps to {math.ceil(1e3 * cell_mps) / 1e3:g}"
             )
         return slice(int(kept[0]), int(kept[-1]) + 1)

@@ -75,10 +75,8 @@ def test_line_through_shared_edges_hits_once() -> None:
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("folded", [False, True])
-def test_a_line_through_an_edge_meets_one_of_two_faces_that_go_on_and_both_or_none_of_a_fold(
-    seed: int, folded: bool
-) -> None:
-    """The edge runs through the line of one cell, upright in half of the cases, and the faces are much smaller than the cell."""
+def test_a_line_through_an_edge_hits_a_flat_surface_once_and_a_fold_twice_or_never(seed: int, folded: bool) -> None:
+    """The line of one cell passes through the edge, parallel to an axis in half of the cases; the faces are far smaller."""
     rng, cell = np.random.default_rng(seed), (3, -2)
     line = [place + hash_uniform(seed, 2, *cell, number) for number, place in enumerate(cell)]
     along, aside = rng.uniform(-1e-6, 1e-6, (2, 2)) * (rng.random(2) < 0.5)[:, None] + [[0, 1e-5], [1e-5, 0]]

@@ -384,6 +384,8 @@ def test_subjects_are_understood(sentence: str, subject: str) -> None:
         ("both men walk", ("both", "men")),
         ("people walk", ("people",)),
         ("a man walks, then she sits", ("she",)),
+        ("grandma walks, then he sits", ("he",)),
+        ("more he walks twice", ("more",)),
         ("the boy walks and the girl sits", ("girl",)),
         ("participant 12 sits down", ("participant", "12")),
         ("a right-handed man walks", ("right handed",)),

@@ -236,7 +236,7 @@ def _sentence(steps: tuple[Step, ...], main: int, subject: slots.Subject, sample
     noun = sampler.pick(lexicon().subjects[subject].said, f"noun of {subject}")
     of_person = steps[main].action == "fall" and steps[main].manner is not None  # a sad man falls; nobody falls sadly
     noun = "person" if of_person and noun == "someone" else noun
-    his = next((his for his, nouns in lexicon().possessives.items() if noun in nouns), "their")
+    his = next((his for his, nouns in lexicon().possessives.items() if noun.split()[-1] in nouns), "their")
     frames = rules().frames[len(steps)]  # type: ignore[index]
     if len(steps) == 2 and steps[1].action == "fall" and steps[0].action in ("walk", "run"):
         frames = (*frames, *rules().walking_falls)

@@ -61,7 +61,9 @@ class Parsed:
 
 
 def parse_description(sentence: str) -> Parsed:
-    """The slots of a free sentence in English; an InputError of one sentence where no activity is understood.
+    """Reads a free sentence in English into slots.
+
+    Raises InputError where no activity is understood, or the sentence contradicts itself.
 
     sentence: what one person does, in one or several steps: "a man walks to a chair, sits down and stands up again".
     """
@@ -78,11 +80,10 @@ def parse_description(sentence: str) -> Parsed:
             f"the sentence is contradictory: it says {directions} of one action ({verb}); leave one of them out, or "
             "write two steps"
         ) from None
-    for place, step in enumerate(steps[1:], 1):
-        if step.joined == "while" and "fall" not in [
-            each.action for each in steps[place : place + 2]
-        ]:  # slips while walking
-            reader.partly.append(f"{step.words} (made after what is done meanwhile)")
+    for place, step in enumerate(steps):
+        falls = any(each.action == "fall" for each in steps[place : place + 2])  # slips while walking
+        if step.joined == "while" and len(steps) > 1 and not falls:
+            reader.partly.append(f"{step.words} (made in turn, not at the same time)")
     description, read_as = _description(steps, reader, sentence)
     left_out = Counter(reader.ignored)
     slips = []
@@ -184,7 +185,7 @@ def _without_weak(steps: list[ParseStep], ignored: list[str]) -> list[ParseStep]
 
 
 def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseStep | None:
-    """One step for two neighbours that are one action; None where they are two."""
+    """Returns one step for two neighbours that mean one action, or None if they are two actions."""
     loose = second.joined in ("", ",", "while")
     actions = first.action, second.action
     if first.action == second.action:

@@ -103,9 +103,9 @@ class Reader:
     """Whether a fall does not happen, or balance is regained."""
     subject: str = ""
     named: bool = False
-    """Whether a noun tells the subject, which no other replaces."""
+    """Whether a noun has told the subject; later nouns do not replace it."""
     his: str = ""
-    """The possessive of the subject, where it is known."""
+    """The possessive of the subject, "his" or "her", or "" while it is not known."""
     dead: bool = False
     """Whether the words belong to something that is not understood, or does not happen."""
     denied: bool = False
@@ -217,7 +217,7 @@ class Reader:
     def _subject(self, subject: str, words: str) -> None:
         named, clause = words not in lexicon().pronouns, self.clauses[-1]
         his = {"man": "his", "woman": "her"}.get(subject, "")
-        his = next((his for his, nouns in lexicon().possessives.items() if words in nouns), his)
+        his = next((his for his, nouns in lexicon().possessives.items() if words.split()[-1] in nouns), his)
         if clause.join == "before" and clause.steps and len(self.clauses) == 1:  # before he sits down he walks
             self.clauses.append(Clause(","))
         if named and self.named and {subject, self.subject} in TWO_PEOPLE:
@@ -321,7 +321,7 @@ class Reader:
         return next((clause.steps[-1] for clause in reversed(self.clauses) if clause.steps), None)
 
     def settle(self) -> None:
-        """Gives what stands in the last clause without an action to the action before it, or makes a step of its own of it."""
+        """Gives the words of a last clause without an action to the action before it, or makes a step of their own of them."""
         clause = self.clauses[-1]
         last = self._last()
         if clause.steps or not clause.pending:
@@ -347,12 +347,11 @@ class Reader:
         measured = measures & last.said.keys()  # 3 times on the left leg and 5 times on the right one
         returns = any(pending.words == "back" for pending in clause.pending)  # to the door and back
         tells |= {"object", "count", "duration_s"} if returns else set()
-        tells |= (
-            {"count", "duration_s"} if measures and not measured and not again else set()
-        )  # for 5 s, then three times
+        if measures and not measured and not again:  # for 5 s, then three times
+            tells |= {"count", "duration_s"}
         repeats = again or (tells and clause.join == "then") or ((measured or returns) and clause.join == "and")
         several = sum(len(other.steps) for other in self.clauses) > 1
-        if "count" in tells and (returns or (clause.join == "," and several)):  # sits down, stands up, three times
+        if returns or (clause.join == "," and several):  # sits down, stands up, three times
             counts = [other.said for other in clause.pending if other.kind == "slot" and "count" in other.slots]
             self.partly += [f"{count} (made of the last action alone)" for count in counts]
         new = last.again(tells, clause) if repeats else None
@@ -403,7 +402,8 @@ class Reader:
 
 
 def _as_noun(step: ParseStep, token: Token, ignored: list[str]) -> bool:
-    """Whether a verb is a noun that belongs to the step before it, which then says it: spins two turns, walks two circles."""
+    """Whether a verb is in fact a noun that belongs to the step before it, as in "spins two turns" or "walks two circles". What it
+    says is then added to that step."""
     if token.words == "steps" and step.action == "climb":
         attach(step, Token("object", token.words, {"object": "stair"}), ignored)
     elif token.words == "turns" and step.action == "turn" and "count" in step.said:

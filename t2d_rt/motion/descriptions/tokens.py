@@ -39,11 +39,11 @@ CLOCK = "after", "every", "at", "until", "before", "from", "since", "by", "=", "
 MORE = "more", "again"
 """What follows a once that repeats what was done before."""
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
-"""What follows a time that is not one in which something is done once: 10 s each, 5 s later."""
+"""Words behind a time that is not the duration of one action: "10 s each", "5 s later"."""
 TOTAL = "total", "all", "altogether", "overall"
-"""What stands near the time of all repetitions together, which is not multiplied: a total of 10 s, twice."""
+"""Words near the time of all repetitions together, which is not multiplied: "a total of 10 s, twice"."""
 BETWEEN = "with a pause of", "with a break of", "pauses of", "breaks of", "intervals of"
-"""What stands before a time that passes between repetitions."""
+"""Words before the time of a pause between repetitions."""
 IN_ALL = "in total", "in all", "altogether", "overall", "around", "round the"
 """What follows how often something is done within a time that is said before: for 60 s, 20 times in total."""
 
@@ -258,15 +258,16 @@ def _next(words: list[str], place: int) -> tuple[list[Token], int]:
 
 
 def _is_neutral(words: list[str], place: int) -> bool:
-    """Whether a neutral word tells nothing where it stands: more slowly, once more, both arms, another two; but not over two."""
-    word, follows = words[place], words[place + 1] if place + 1 < len(words) else ""
+    """Whether a neutral word means nothing where it stands, as in "more slowly", "once more", "both arms" and "another two", but
+    not in "over two"."""
+    word, before, follows = words[place], words[max(place - 1, 0)], "".join(words[place + 1 : place + 2])
     measured = follows != "" and (_measure(words, place + 1) or _number(words, place + 1)) is not None
     if word in ("over", "under", "above"):
         return not measured or follows in lexicon().times  # falls over twice
     if word == "another":
         return measured or (_is(follows, "action") and not follows.endswith("s"))
     if word == "more":
-        return _is(follows, "slot") or words[place - 1] in (*TIMES, "time", *lexicon().times, *lexicon().seconds)
+        return _is(follows, "slot") or before in (*TIMES, "time", *lexicon().times, *lexicon().seconds)
     return word != "both" or _is(follows, "part")
 
 
@@ -331,7 +332,9 @@ def _is(word: str, kind: str, **slots: object) -> bool:
 
 
 def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
-    """A number of times or of seconds that begins at a token; one that compares, is a rate or of each time is reported."""
+    """The token of a number of times or of seconds that begins at a place, and where it ends.
+
+    A number that compares, is a rate, tells of each repetition or of a pause is reported and fills no slot."""
     measure = _said_measure(words, place)
     if measure is None:
         return _unread_range(words, place)
@@ -423,7 +426,7 @@ def _factor(words: list[str], place: int) -> Reading | None:
 
 
 def _times(words: list[str], place: int) -> tuple[Token, int] | None:
-    """How many times: four times, x 3; four hops, two slow turns; 3 sets of 5 squats, 2 x 5 s."""
+    """The token of how many times something is done: "four times", "x 3", "two slow turns", "3 sets of 5 squats", "2 x 5 s"."""
     by = words[place : place + 1] != [] and words[place] in BY
     reading = number_at(words, place + int(by))
     if reading is None:

@@ -9,16 +9,16 @@ from t2d_rt.motion.descriptions.lexicon import lexicon
 
 WORD = re.compile(r"\d+(?:\.\d+)?(?:e\d+(?!\w))?|[^\W\d_]+(?:'[^\W\d_]+)?|n't|[^\w\s]")
 COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![.,]?\d)")
-"""A decimal comma within a number; commas between three numbers and more part a list."""
+"""A comma within a number. Commas between three or more numbers separate a list."""
 DASH = re.compile(r"(?<=\d)\s*[-\u2010-\u2015\u2212]\s*(?=\d)(?!\d+/\d)")
-"""What stands between the ends of a range: 2-3; but 1-1/2 is one number."""
+"""The dash between the ends of a range, as in "2-3"; "1-1/2" is one number."""
 HYPHEN = re.compile(r"\b([^\W\d_]+)-(?=([^\W\d_]+)\b)")
 
 
 def words_of(text: str) -> list[str]:
-    """Words, numbers and signs in lower case; hyphens part words, dashes are commas, signs of degrees and pi are words.
+    """Splits a sentence into its words, numbers and signs, in lower case.
 
-    A dash between two numbers is "to".
+    A hyphen separates two words; a dash is a comma, but "to" between two numbers; the signs of degrees and of pi become words.
 
     >>> words_of("High-stepping, it's 2.5 s!")
     ['high', 'stepping', ',', "it's", '2.5', 's', '!']
@@ -36,13 +36,13 @@ def words_of(text: str) -> list[str]:
 
 
 def _unhyphened(hyphened: re.Match[str]) -> str:
-    """A word and what stands for the hyphen behind it: two-three is two to three; twenty-one is twenty one."""
+    """The word before a hyphen, with "to" in the place of one between two numbers: "two-three", but not "twenty-one"."""
     first, second = (lexicon().numbers.get(word, 0) for word in hyphened.groups())
     return f"{hyphened[1]} {'to ' if min(first, second) > 0 and (first < 20 or second > 9) else ''}"
 
 
 def _with_point(number: re.Match[str]) -> str:
-    """A number with a comma: before three digits that parts thousands, as in English, else it is a decimal comma."""
+    """A number with a comma, which separates thousands if three digits follow, as in English, and otherwise is a decimal one."""
     whole, rest = number.groups()
     thousands = len(rest) == 3 and len(whole) <= 3 and not whole.startswith("0")
     return f"{whole}{rest}" if thousands else f"{whole}.{rest}"
