@@ -336,7 +336,7 @@ def _plain_type(kind: str, hint: str) -> list[str]:
     if kind.startswith("typing.Literal"):
         return re.findall(r"'([^']*)'", kind)
     if kind == "<class 'tuple'>":
-        return [words for form, words in TUPLES.items() if form in hint][:1]
+        return [next((words for form, words in TUPLES.items() if form in hint), "a list")]
     count = re.match(r"tuple with (\d+) elements", kind)
     return [f"a list of {count[1]} numbers" if count else PLAIN_TYPES.get(kind, kind)]
 

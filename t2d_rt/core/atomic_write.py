@@ -98,8 +98,9 @@ def check_place(path: Path, *, overwrite: bool) -> None:
     """Refuses a path that exists, unless `overwrite`, or whose folder does not exist or cannot be written to."""
     folder = path.parent
     if not folder.is_dir():
-        if folder.is_file():
-            raise InputError(f"{folder} is a file, and {path.name} needs a folder; choose another place")
+        for place in (folder, *folder.parents):
+            if place.is_file():
+                raise InputError(f"{place} is a file, and {path.name} needs a folder; choose another place")
         raise InputError(f"folder {folder} does not exist; create it first")
     try:
         with tempfile.TemporaryFile(dir=folder):

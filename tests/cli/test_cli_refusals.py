@@ -197,6 +197,7 @@ def test_places_that_cannot_be_used(refused: Callable[..., str]) -> None:
     for command, place, sentence in (
         ("simulate", "gone/x.zarr", "folder gone does not exist; create it first"),
         ("simulate", "file.zarr/x.zarr", "file.zarr is a file, and x.zarr needs a folder; choose another place"),
+        ("simulate", "file.zarr/a/x.zarr", "file.zarr is a file, and x.zarr needs a folder; choose another place"),
         ("simulate", "x", "a result is a folder that ends in .zarr, got 'x'"),
         ("simulate", ".", "a result is a folder that ends in .zarr"),
         ("simulate", "folder.zarr", "folder.zarr is a folder but not a result"),
