@@ -346,6 +346,21 @@ def test_factors_are_counts(words: str, count: int, angle_deg: float | None) -> 
         ("sits. Before that, he jumps", [{"action": "jump"}, {"action": "sit"}]),
         ("jumps three times with 2 s in between", [{"count": 3, "duration_s": None}]),
         ("jumps with a pause of 2 s", [{"action": "jump", "duration_s": None}]),
+        ("jumps with a pause for 2 s", [{"action": "jump", "duration_s": None}]),
+        ("jumps twice with a 2 s pause", [{"action": "jump", "duration_s": None}]),
+        ("walks. After sitting, he jumps", [{"action": "walk"}, {"action": "sit"}, {"action": "jump"}]),
+        ("runs. After running, he sits", [{"action": "run"}, {"action": "sit"}]),
+        ("walks. Before sitting, he jumps", [{"action": "walk"}, {"action": "jump"}, {"action": "sit"}]),
+        ("falls. Before falling, he walks", [{"action": "walk"}, {"action": "fall"}]),
+        (
+            "jumps. Before sitting, he turns, then stands up",
+            [{"action": each} for each in ("jump", "turn", "sit", "stand_up")],
+        ),
+        ("walks for 5 s, then with a limp", [{"type": None, "duration_s": 5}, {"type": "limping", "duration_s": 5}]),
+        ("bends left, right and forward", [{"direction": "left"}, {"direction": "right"}, {"direction": "forward"}]),
+        ("does all squats for 5 s twice", [{"count": 2, "duration_s": 10}]),
+        ("makes a total of ten jumps", [{"count": 10}]),
+        ("does an extra 3 jumps", [{"count": 3}]),
         ("jumps for a total of 10 s twice", [{"count": 2, "duration_s": 10}]),
         ("jumps for altogether 10 s, twice", [{"count": 2, "duration_s": 10}]),
         (
@@ -362,6 +377,17 @@ def test_what_is_said_of_two_times_is_kept(words: str, slots: list[dict[str, obj
 def test_a_count_of_several_actions_is_told() -> None:
     for sentence in ("he walks, turns and walks back, three times", "he walks there and back three times"):
         assert parse_description(sentence).partly == ("three times (made of the last action alone)",)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *("jumps twice forward, then twice back", "falls to the left and then to the right", "falls over three times"),
+        *("walks quickly, then slowly again", "spins twice, then again to the left"),
+    ],
+)
+def test_nothing_is_told_where_all_is_made(words: str) -> None:
+    assert not str(parse_description(f"he {words}"))
 
 
 def test_what_is_done_at_once_is_told_where_it_is_made_in_turn() -> None:
@@ -678,6 +704,8 @@ def test_both_ranges_of_a_product_are_told() -> None:
         ("falls, then once more", "once"),
         ("sits down and again", "again"),
         ("sits down, again", "again"),
+        ("turns left and left again", "again"),
+        ("takes turns jumping and squatting", "takes turns"),
         ("walks, again forward", "again"),
         ("turns 1/4 turn + 1/2 turn", "1 / 2 turn"),
         ("falls and falls again", "falls"),

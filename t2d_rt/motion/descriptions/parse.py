@@ -192,10 +192,8 @@ def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseS
         measured = {"count", "angle_deg"} & first.said.keys() & second.said.keys()
         if (second.repeats or measured) and first.action in REPEATED:
             return None
-        once = first.action in ("fall", "sit")  # who has fallen or sat down is to stand up first
-        ignored += [second.words] * (once and (second.repeats or second.words in first.words))
-    if actions == ("fall", "fall"):
-        return merged(first, second, ignored)
+        if first.words == second.words and second.joined == "then" and first.get("type") != second.get("type"):
+            return None  # walks, then with a limp
     if actions in (("fall", "lie_down"), ("fall", "sit")):
         lying = ParseStep("fall", {}, {**second.slots(), "type": first.get("type")}, given=second.given)
         together = merged(first, lying, ignored)
@@ -203,7 +201,7 @@ def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseS
         ignored += second.given.values() if together is None else []
         return together or first
     resting = first.words in ("lying", "sitting", "seated") and first.said.keys() <= {"object"}
-    if resting and actions in (("lie_down", "stand_up"), ("sit", "stand_up")):
+    if resting and first.joined != "before" and actions in (("lie_down", "stand_up"), ("sit", "stand_up")):
         return merged(second, ParseStep("stand_up", {}, dict(first.said)), ignored)
     if first.action in ("sit", "lie_down") and second.action == "stand" and second.words in forms_of(lexicon().waiting):
         lasting_s = float(str(second.get("duration_s") or 0)) + (0 if first.get("duration_s") else DOWN_S)
@@ -219,8 +217,12 @@ def _together(first: ParseStep, second: ParseStep, ignored: list[str]) -> ParseS
         return None
     typed = first.get("type") is not None or second.get("type") is not None
     again = second.joined == "," and first.words == second.words  # jumps, jumps
-    one = (loose and not again) or (typed and same_direction) or first.action in ("sit", "stand")
-    return merged(first, second, ignored) if one else None
+    once = first.action in ("fall", "sit")  # who has fallen or sat down is to stand up first
+    one = (loose and not again) or (typed and same_direction) or once or first.action == "stand"
+    lost = [second.words] * (once and (second.repeats or second.words in first.words))
+    together = merged(first, second, lost) if one else None
+    ignored += lost if together is not None else []
+    return together
 
 
 def _description(steps: list[ParseStep], reader: Reader, sentence: str) -> tuple[Description, list[tuple[str, str]]]:

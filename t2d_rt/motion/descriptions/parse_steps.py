@@ -87,6 +87,8 @@ class Clause:
     join: str
     steps: list[ParseStep] = field(default_factory=list)
     pending: list[Token] = field(default_factory=list)
+    opens: bool = False
+    """Whether it begins a sentence."""
     unread: bool = False
     """Whether it holds a number that was not understood, and no action."""
 
@@ -124,14 +126,13 @@ class Reader:
     """Words that say more than is made of them."""
     article: str = ""
     """The last of the articles, until a noun or a verb follows."""
-    verb: str = ""
-    """The last words, if they are a verb."""
+    last_words: str = ""
 
     def read(self, token: Token) -> None:
         """Takes one more token."""
-        if token.kind == "action" and token.words == self.verb:  # jump jump
+        if token.kind == "action" and token.words == self.last_words:  # jump jump
             self._join(",")
-        self.verb = token.words if token.kind == "action" else ""
+        opens, self.last_words = self.last_words in ("", ".", "!", ";", "then"), token.words
         token = self._elliptic(token)
         limb = token.kind == "part" and token.slots["body_part"] != "waist"  # bends at the waist to the left
         self.of_part, before = limb or token.words == "together", self.of_part
@@ -146,7 +147,11 @@ class Reader:
         if token.words == ":" and self.clauses[-1].pending and not self.clauses[-1].steps:
             return  # 5 s: he walks
         if token.kind == "join":
-            self._join(str(token.slots["join"]))
+            follows = opens and token.slots["join"] == "after" and not token.words.startswith("b")  # before that
+            self._join(
+                "," if follows and self._last() else str(token.slots["join"])
+            )  # He walks. After sitting, he jumps.
+            self.clauses[-1].opens = opens
         elif token.kind == "subject":
             self._subject(str(token.slots["subject"]), token.words)
         elif token.kind == "not":
@@ -218,7 +223,7 @@ class Reader:
         named, clause = words not in lexicon().pronouns, self.clauses[-1]
         his = {"man": "his", "woman": "her"}.get(subject, "")
         his = next((his for his, nouns in lexicon().possessives.items() if words.split()[-1] in nouns), his)
-        if clause.join == "before" and clause.steps and len(self.clauses) == 1:  # before he sits down he walks
+        if clause.join == "before" and clause.steps and clause.opens:  # before he sits down he walks
             self.clauses.append(Clause(","))
         if named and self.named and {subject, self.subject} in TWO_PEOPLE:
             if self._last() is not None and not self.clauses[-1].steps:
@@ -313,9 +318,10 @@ class Reader:
         return bool(steps) and steps[-1].action == "stretch"
 
     def _returning(self) -> bool:
-        """Whether a direction stands last, so that "again" tells of no repetition: down and up again, twice."""
-        pending = self.clauses[-1].pending
-        return bool(pending) and pending[-1].kind == "direction"
+        """Whether another direction stands last, so that "again" tells of no repetition: down and up again, twice."""
+        pending, last = self.clauses[-1].pending, self._last()
+        directed = bool(pending) and pending[-1].kind == "direction"
+        return directed and (last is None or last.get("direction") != pending[-1].slots["direction"])
 
     def _last(self) -> ParseStep | None:
         return next((clause.steps[-1] for clause in reversed(self.clauses) if clause.steps), None)
@@ -335,7 +341,8 @@ class Reader:
         holder = next((other for other in reversed(self.clauses) if other.steps), clause)
         aside = holder.join in ("while", "after") and holder is not self.clauses[0]
         if more and last is not None and (not again or aside or last.returns or last.action not in REPEATED):
-            self.ignored += [pending.said for pending in more]
+            told = not tells or clause.join != "then" or last.action not in REPEATED  # quickly, then slowly again
+            self.ignored += [pending.said for pending in more if told or pending.slots]
             clause.pending = [pending for pending in clause.pending if pending.kind != "again"]
             self.settle()
             return
@@ -349,9 +356,13 @@ class Reader:
         tells |= {"object", "count", "duration_s"} if returns else set()
         if measures and not measured and not again:  # for 5 s, then three times
             tells |= {"count", "duration_s"}
-        repeats = again or (tells and clause.join == "then") or ((measured or returns) and clause.join == "and")
+        listed = "direction" in tells and last.joined == "then" != holder.join  # left, right and forward
+        repeats = (
+            again or (tells and clause.join == "then") or ((measured or returns) and clause.join == "and") or listed
+        )
         several = sum(len(other.steps) for other in self.clauses) > 1
-        if returns or (clause.join == "," and several):  # sits down, stands up, three times
+        # Sits down, stands up, three times.
+        if (returns and "count" not in last.said) or (clause.join == "," and several):
             counts = [other.said for other in clause.pending if other.kind == "slot" and "count" in other.slots]
             self.partly += [f"{count} (made of the last action alone)" for count in counts]
         new = last.again(tells, clause) if repeats else None
@@ -388,8 +399,11 @@ class Reader:
                 earlier += clause.steps
                 continue
             earlier = clause.steps if clause.join in ("before", "after", "while") else None
-            if clause.join == "before" and number == 0:
-                held = clause.steps
+            if clause.join == "before" and (number == 0 or clause.opens):
+                told = step_groups[-1:] if not held else [held]
+                same = [step.action for steps in told for step in steps] == [step.action for step in clause.steps]
+                step_groups += [held] if held else []
+                held = step_groups.pop() if same else clause.steps  # He sits. Before sitting, he jumps.
             elif clause.join in ("after", "while") and step_groups:
                 falls = any(step.action in ("fall", "stumble") for step in step_groups[-1])
                 step_groups.insert(-1 if clause.join == "after" or falls else len(step_groups), clause.steps)

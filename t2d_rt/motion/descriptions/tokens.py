@@ -40,9 +40,9 @@ MORE = "more", "again"
 """What follows a once that repeats what was done before."""
 NO_DURATION = "each", "every", "between", "apart", "later", "rest", "break", "pauses", "into"
 """Words behind a time that is not the duration of one action: "10 s each", "5 s later"."""
-TOTAL = "total", "all", "altogether", "overall"
+TOTAL = " total ", " in all ", " all together ", " altogether ", " overall "
 """Words near the time of all repetitions together, which is not multiplied: "a total of 10 s, twice"."""
-BETWEEN = "with a pause of", "with a break of", "pauses of", "breaks of", "intervals of"
+BETWEEN = "with a pause", "with a break", "with a pause of", "with a break of", "pauses of", "breaks of", "intervals of"
 """Words before the time of a pause between repetitions."""
 IN_ALL = "in total", "in all", "altogether", "overall", "around", "round the"
 """What follows how often something is done within a time that is said before: for 60 s, 20 times in total."""
@@ -263,7 +263,7 @@ def _is_neutral(words: list[str], place: int) -> bool:
     word, before, follows = words[place], words[max(place - 1, 0)], "".join(words[place + 1 : place + 2])
     measured = follows != "" and (_measure(words, place + 1) or _number(words, place + 1)) is not None
     if word in ("over", "under", "above"):
-        return not measured or follows in lexicon().times  # falls over twice
+        return not measured or follows in lexicon().times or _is(before, "action", action="fall")  # falls over twice
     if word == "another":
         return measured or (_is(follows, "action") and not follows.endswith("s"))
     if word == "more":
@@ -345,7 +345,10 @@ def _measure(words: list[str], place: int) -> tuple[Token, int] | None:
     pause = after + int(follows == "in")  # 5 s in between
     if "duration_s" in token.slots and words[pause : pause + 1] and words[pause] in NO_DURATION:
         return _told(words, place, pause + 1, {}, kind="reported")
-    if "duration_s" in token.slots and " ".join(words[max(place - 4, 0) : place]).endswith(BETWEEN):
+    before = " ".join(words[max(place - 4, 0) : place])
+    if follows == "pause" and before.endswith(("with", "with a")):
+        return _told(words, place, after + 1, {}, kind="reported")
+    if "duration_s" in token.slots and before.endswith(BETWEEN):
         return _told(words, place, after, {}, kind="reported")
     if words[max(place - 3, 0) : place] in (["and", "at", "most"], ["and", "at", "least"]):
         return _told(words, place, after, {}, kind="reported")
@@ -405,7 +408,8 @@ def _said_measure(words: list[str], place: int) -> tuple[Token, int] | None:
     else:
         said = _turned(words, place) or _times(words, place) or _lasting(words, place, alone=True)
     factor = _factor(words, said[1]) if said is not None and "duration_s" in said[0].slots else None
-    if said is None or factor is None or {*TOTAL} & {*words[max(place - 3, 0) : place + 2]}:
+    near = f" {' '.join(words[max(place - 3, 0) : place + 2])} "
+    if said is None or factor is None or any(total in near for total in TOTAL):
         return said
     return _multiplied(words, place, factor.end, factor, (said[0], factor.end))
 
@@ -450,7 +454,10 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
         )
     climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
     person = next((word for word in reversed(words[:place]) if word not in (*AGED, *lexicon().roughly)), "")
-    labelled = person.isalpha() and not person.endswith("s") and person not in _vocabulary()  # participant 2 jumps
+    opens = person.isalpha() and (place == 1 or not words[place - 2].isalnum())
+    labelled = (
+        opens and not person.endswith(("s", "ly", "ed", "ing")) and person not in _vocabulary()
+    )  # participant 2 jumps
     if follows in TREADS and (
         follows != "steps" or climbed in ("up", "down") or _is(climbed, "action", action="climb")
     ):
