@@ -2,9 +2,10 @@
 
 `python -m validation.datasets.hidden_labels DIR` evaluates a folder that is there.
 
-Mirrored maps are no test of whether directions are balanced: the range of somebody who goes straight past a radar is convex over
-time, so that people come first and go then, and the mirror image of that does not occur. Therefore the samples are also made again
-with every person turned round where he stands.
+Mirrored maps are more than a test of balanced directions: the range of somebody who goes straight past a radar is convex over time,
+so that people come first and go then, and the mirror image of that does not occur. What they cost is an upper limit. What direction
+alone tells is measured on the same samples, made again with every person turned round: the angle that is drawn for each sample is
+changed while they are made, since other angles in the recipe would be another recipe, with other motions.
 """
 
 from __future__ import annotations
