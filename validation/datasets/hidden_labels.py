@@ -21,7 +21,7 @@ from unittest.mock import patch
 import numpy as np
 
 from t2d_rt.core.errors import InputError
-from t2d_rt.dataset import Dataset, folds, make_dataset
+from t2d_rt.dataset import Dataset, Recipe, folds, make_dataset
 from t2d_rt.dataset.sample import _angle_deg
 from t2d_rt.dataset.worker import make_samples
 from t2d_rt.learn import TrainOptions, maps_of, train_model
@@ -87,11 +87,10 @@ def turned_samples(*task: Any) -> Any:
         return make_samples(*task)
 
 
-def turned(dataset: Dataset, folder: Path) -> Dataset:
-    """The samples of a data set, made again in `folder` with every person turned round where he stands: at the same mean range, who
-    came goes."""
+def turned(recipe: Recipe, count: int, folder: Path) -> Dataset:
+    """The first samples of a recipe, made in `folder` with every person turned round: at the same mean range, who came goes."""
     with patch("t2d_rt.dataset.making.make_samples", turned_samples):
-        make_dataset(dataset.recipe, folder, limit=len(dataset))
+        make_dataset(recipe, folder, limit=count)
     return Dataset(folder)
 
 
@@ -100,7 +99,8 @@ def right(dataset: Dataset, options: TrainOptions = OPTIONS, model: str = "vgg-7
     people turned round, (seed, N, 3)."""
     maps = maps_of(dataset)
     with tempfile.TemporaryDirectory() as folder:
-        others = mirrored(maps), maps_of(turned(dataset, Path(folder)))
+        again = turned(dataset.recipe, max(dataset.indices) + 1, Path(folder))
+        others = mirrored(maps), maps_of(again).take(again.positions(dataset.indices))
     found = np.zeros((len(SEEDS), len(maps), 3), bool)
     for seed in SEEDS:
         sides = folds(dataset.records, FOLDS, apart=("description", "seed"), seed=seed)
