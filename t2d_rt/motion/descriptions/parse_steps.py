@@ -148,9 +148,8 @@ class Reader:
             return  # 5 s: he walks
         if token.kind == "join":
             follows = opens and token.slots["join"] == "after" and not token.words.startswith("b")  # before that
-            self._join(
-                "," if follows and self._last() else str(token.slots["join"])
-            )  # He walks. After sitting, he jumps.
+            # He walks. After sitting, he jumps.
+            self._join("," if follows and self._last() else str(token.slots["join"]))
             self.clauses[-1].opens = opens
         elif token.kind == "subject":
             self._subject(str(token.slots["subject"]), token.words)

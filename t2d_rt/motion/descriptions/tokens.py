@@ -455,17 +455,15 @@ def _times(words: list[str], place: int) -> tuple[Token, int] | None:
     climbed = next((word for word in reversed(words[:place]) if word not in lexicon().roughly), "")
     person = next((word for word in reversed(words[:place]) if word not in (*AGED, *lexicon().roughly)), "")
     opens = person.isalpha() and (place == 1 or not words[place - 2].isalnum())
-    labelled = (
-        opens and not person.endswith(("s", "ly", "ed", "ing")) and person not in _vocabulary()
-    )  # participant 2 jumps
+    # Participant 2 jumps.
+    labelled = opens and not person.endswith(("s", "ly", "ed", "ing")) and person not in _vocabulary()
     if follows in TREADS and (
         follows != "steps" or climbed in ("up", "down") or _is(climbed, "action", action="climb")
     ):
         read = f"{number:g} stairs" if vague else ""
         return _told(words, place, after + 1, {"object": "stair", "count": _whole(number)}, read, "object")
-    if (
-        words[after - 1] == "couple" or _is(person, "subject") or labelled
-    ):  # who dances; patient 2 walks, a man aged 70 falls
+    # A couple who dances; patient 2 walks, a man aged 70 falls.
+    if words[after - 1] == "couple" or _is(person, "subject") or labelled:
         return None
     angle = _turned(words, after)  # two 360 degree turns
     turns = angle is not None and words[angle[1] : angle[1] + 1] == ["turns"]
